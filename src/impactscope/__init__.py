@@ -1,0 +1,1 @@
+"""Live impact testing of collaborative robots."""
