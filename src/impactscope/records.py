@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    'AnalysisResult',
     'Channel',
     'ComplianceVerdict',
     'Contact',
     'ContactKind',
     'Estimate',
+    'EventResult',
     'ImpactEvent',
     'ImpactParameters',
     'Quality',
@@ -286,3 +288,30 @@ class ComplianceVerdict:
     guard_band: float = math.nan  # N
     spread: float = math.nan  # N
     reconstructed_peak_force: float = math.nan  # N
+
+
+@dataclass(frozen=True, slots=True)
+class EventResult:
+    """Everything the stages say of one blow."""
+
+    event: ImpactEvent
+    sensor: SensorParameters
+    impact: ImpactParameters
+    verdict: ComplianceVerdict
+
+
+@dataclass(frozen=True, slots=True)
+class AnalysisResult:
+    """What an analysis of one recording gives; the input of the report."""
+
+    source: str  # file name, without folders
+    sha256: str  # of the raw recording; empty where it was not hashed
+    software_version: str
+    parameters: dict[str, dict[str, object]]  # stage name -> parameter -> value
+    channels: tuple[Channel, ...]  # quality: all flags seen in the recording
+    duration: float  # s, of the reference channel
+    events: tuple[EventResult, ...]
+    test_points: tuple[ComplianceVerdict, ...]  # verdicts over all repetitions
+    verdict: Verdict  # of the recording as a whole
+    notes: tuple[str, ...]  # what a reader must know of the data's quality, in sentences
+    provenance: dict[str, str] = field(default_factory=dict)  # metadata of the recording
