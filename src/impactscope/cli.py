@@ -1,6 +1,473 @@
-"""The command line."""
+"""The command line ``impactscope``.
+
+Exit codes: 0 done, and where something was judged it is PASS or CONDITIONAL_PASS; 1 FAIL or
+CONDITIONAL_FAIL; 2 wrong usage or configuration; 3 a recording cannot be read, or not to its
+end; 4 INVALID; 5 INCOMPLETE.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import sys
+import time
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from impactscope.errors import ConfigurationError, ImpactscopeError, RecordingError
+from impactscope.records import (
+    AnalysisResult,
+    ComplianceVerdict,
+    ContactKind,
+    Estimate,
+    EventResult,
+    TestPoint,
+    Verdict,
+)
+from impactscope.version import __version__
+
+__all__ = ['app', 'main']
+
+app = typer.Typer(
+    name='impactscope',
+    help=(
+        'Live impact testing of collaborative robots: record the blow, identify the sensor, '
+        'judge against contact limits.\n\n'
+        'Start with [bold]impactscope demo[/bold], or analyse a recording: '
+        '[bold]impactscope analyse bags/simulated_hand.mcap --report report.html[/bold].\n\n'
+        'Exit codes: 0 passed or done, 1 failed, 2 wrong usage, 3 unreadable recording, '
+        '4 invalid, 5 incomplete. It measures and judges; it is not a safety function and never '
+        'commands a robot.'
+    ),
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode='rich',
+    pretty_exceptions_enable=False,
+)
+out = Console(highlight=False)
+err = Console(stderr=True, highlight=False)
+
+EXIT = {
+    Verdict.PASS: 0,
+    Verdict.CONDITIONAL_PASS: 0,
+    Verdict.CONDITIONAL_FAIL: 1,
+    Verdict.FAIL: 1,
+    Verdict.INVALID: 4,
+    Verdict.INCOMPLETE: 5,
+}
+UNREADABLE = 3
+_STYLE = {
+    Verdict.PASS: 'bold green',
+    Verdict.CONDITIONAL_PASS: 'bold yellow',
+    Verdict.CONDITIONAL_FAIL: 'bold dark_orange',
+    Verdict.FAIL: 'bold red',
+    Verdict.INVALID: 'bold magenta',
+    Verdict.INCOMPLETE: 'bold',
+}
 
 
-def main() -> None:
-    """Run the command line."""
-    raise SystemExit(0)
+class Contact(str, Enum):
+    """How the body part is held."""
+
+    constrained = 'constrained'
+    free = 'free'
+
+
+ParamsFile = Annotated[
+    Path | None,
+    typer.Option('--params-file', '-p', help='ROS 2 parameter file; the same for all commands.'),
+]
+Report = Annotated[
+    Path | None, typer.Option('--report', help='Write a self-contained HTML report.')
+]
+Json = Annotated[Path | None, typer.Option('--json', help='Write the results as JSON.')]
+Region = Annotated[
+    str, typer.Option('--region', help='Body region, such as hands_fingers, if not recorded.')
+]
+ContactOption = Annotated[
+    Contact | None, typer.Option('--contact', help='Body part clamped or free, if not recorded.')
+]
+Inputs = Annotated[
+    list[str] | None,
+    typer.Option(
+        '--input',
+        help="Topic of stamped samples, as 'wrench /ft/wrench force.z force'. May be repeated.",
+    ),
+]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        out.print(f'impactscope {__version__}')
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option('--version', callback=_version, is_eager=True, help='Say the version.')
+    ] = False,
+) -> None:
+    """Options of every command."""
+
+
+@app.command()
+def analyse(
+    recording: Annotated[Path, typer.Argument(help='MCAP or SQLite file, or a bag folder.')],
+    json_file: Json = None,
+    report: Report = None,
+    params_file: ParamsFile = None,
+    region: Region = '',
+    contact: ContactOption = None,
+    inputs: Inputs = None,
+) -> None:
+    """Analyse a recording without a running graph: blows, sensor, verdict."""
+    from impactscope.analysis import AnalysisSettings, load_settings
+    from impactscope.analysis import analyse as run
+
+    settings = load_settings(params_file) if params_file else AnalysisSettings()
+    if inputs:
+        settings = dataclasses.replace(settings, inputs=tuple(inputs))
+    with _progress(f'reading {recording.name}') as advance:
+        result = run(
+            recording,
+            settings,
+            test_point=_test_point(region, contact),
+            progress=advance,
+            on_result=_print_blow,
+        )
+    raise typer.Exit(_conclude(result, json_file, report))
+
+
+@app.command()
+def replay(
+    recording: Annotated[Path, typer.Argument(help='MCAP or SQLite file, or a bag folder.')],
+    rate: Annotated[
+        float, typer.Option(help='Of time; 0: as fast as the graph takes it.', min=0.0)
+    ] = 1.0,
+    record_to: Annotated[
+        Path | None, typer.Option('--record-to', help='Record the whole graph to MCAP.')
+    ] = None,
+    json_file: Json = None,
+    report: Report = None,
+    params_file: ParamsFile = None,
+    namespace: Annotated[str, typer.Option(help='Of the bench in the graph.')] = 'bench',
+    region: Region = '',
+    contact: ContactOption = None,
+    inputs: Inputs = None,
+) -> None:
+    """Play a recording through the live ROS 2 graph, with /clock, and judge it."""
+    from impactscope.live import replay_recording
+
+    with _progress(f'playing {recording.name}') as advance:
+        result = replay_recording(
+            recording,
+            rate=rate,
+            record_to=record_to,
+            params_file=params_file,
+            namespace=namespace,
+            test_point=_test_point(region, contact),
+            inputs=tuple(inputs or ()),
+            progress=advance,
+            on_result=_print_blow,
+        )
+    raise typer.Exit(_conclude(result, json_file, report))
+
+
+@app.command()
+def live(
+    params_file: ParamsFile = None,
+    duration: Annotated[
+        float, typer.Option(help='End after this many seconds; 0: at Ctrl-C.', min=0.0)
+    ] = 0.0,
+    record_to: Annotated[
+        Path | None, typer.Option('--record-to', help='File; default: named by the time.')
+    ] = None,
+    json_file: Json = None,
+    report: Report = None,
+    namespace: Annotated[str, typer.Option(help='Of the bench in the graph.')] = 'bench',
+    simulated: Annotated[
+        str, typer.Option(help='Campaign of the simulated bench instead of devices.')
+    ] = '',
+) -> None:
+    """Run the bench live: drivers, analysis and recorder, until Ctrl-C."""
+    from impactscope.live import run_live
+
+    target = record_to or Path(time.strftime('impactscope_%Y%m%d_%H%M%S.mcap'))
+    out.print(f'recording to [bold]{escape(str(target))}[/bold]; Ctrl-C ends')
+    result = run_live(
+        params_file=params_file,
+        campaign=simulated,
+        duration=duration or math.inf,
+        record_to=target,
+        namespace=namespace,
+        on_result=_print_blow,
+        on_test_point=_print_test_point,
+    )
+    raise typer.Exit(_conclude(result, json_file, report))
+
+
+@app.command()
+def simulate(
+    campaign: Annotated[str, typer.Argument(help='Name of the campaign; see --list.')] = 'hand',
+    output: Annotated[
+        Path | None, typer.Option('--output', '-o', help='MCAP file to write.')
+    ] = None,
+    seed: Annotated[int, typer.Option(help='Of the noise.', min=0)] = 1,
+    sample_rate: Annotated[
+        float, typer.Option(help="Of every channel [Hz]; 0: the campaign's own.", min=0.0)
+    ] = 0.0,
+    list_campaigns: Annotated[bool, typer.Option('--list', help='List the campaigns.')] = False,
+) -> None:
+    """Simulate a campaign of blows on the paper's bench and write it as a recording."""
+    from impactscope.drivers.simulated import describe_campaigns, write_simulation
+
+    if list_campaigns:
+        table = Table('campaign', 'what it is')
+        for name, text in describe_campaigns().items():
+            table.add_row(escape(name), escape(text))
+        out.print(table)
+        return
+    target = output or Path(f'simulated_{campaign}.mcap')
+    with _progress(f'simulating {campaign}') as advance:
+        write_simulation(campaign, target, seed=seed, sample_rate=sample_rate, progress=advance)
+    out.print(f'wrote [bold]{escape(str(target))}[/bold] ({target.stat().st_size / 1e6:.1f} MB)')
+
+
+@app.command()
+def info(
+    recording: Annotated[Path, typer.Argument(help='MCAP or SQLite file, or a bag folder.')],
+) -> None:
+    """Say what a recording holds: topics, channels, span, provenance, damage."""
+    from impactscope.inputs import scan_channels
+    from impactscope.recordings import Reading, open_recording
+
+    with open_recording(recording, tolerate_damage=True) as opened:
+        what = opened.info
+        started = time.strftime('%Y-%m-%d %H:%M:%S', time.gmtime(what.start_ns // 10**9))
+        out.print(
+            f'[bold]{escape(what.path.name)}[/bold]: {what.storage}, {what.size / 1e6:.1f} MB, '
+            f'{what.message_count} messages, {what.duration:.3f} s from {started} UTC'
+        )
+        table = Table('topic', 'type', 'messages', 'read as')
+        for topic in what.topics:
+            table.add_row(
+                escape(topic.name), escape(topic.type), str(topic.count), topic.reading.value
+            )
+        out.print(table)
+        if any(topic.reading is Reading.BLOCKS for topic in what.topics):
+            out.print(f'channels: {escape(", ".join(scan_channels(opened)))}')
+        for key, value in what.provenance.items():
+            out.print(f'{escape(key)}: {escape(value)}')
+        for note in what.notes:
+            out.print(f'note: {escape(note)}')
+        for damage in opened.damage:
+            err.print(f'[red]damage:[/red] {escape(str(damage))}')
+        if opened.damage:
+            raise typer.Exit(UNREADABLE)
+
+
+@app.command()
+def convert(
+    source: Annotated[Path, typer.Argument(help='CSV, NumPy or MATLAB file.')],
+    destination: Annotated[Path | None, typer.Argument(help='MCAP file to write.')] = None,
+    mapping: Annotated[
+        Path | None, typer.Option(help='YAML file that maps columns to channels.')
+    ] = None,
+    channel: Annotated[
+        list[str] | None,
+        typer.Option(help="Channel as 'name=column:unit', such as force=1:N. May be repeated."),
+    ] = None,
+    time_column: Annotated[
+        str, typer.Option(help="Column of time as 'column:unit', such as 0:s.")
+    ] = '',
+    sample_rate: Annotated[
+        float, typer.Option(help='Hz, where there is no column of time.', min=0.0)
+    ] = 0.0,
+    skip_rows: Annotated[int, typer.Option(help='Header rows to skip.', min=0)] = 0,
+    transpose: Annotated[bool, typer.Option(help='Channels are rows, not columns.')] = False,
+) -> None:
+    """Turn CSV, NumPy or MATLAB data into a recording. Without a destination: describe the file.
+
+    Example: impactscope convert blow.csv blow.mcap --time-column 0:s --channel force=1:N
+    """
+    from impactscope import recordings
+
+    if destination is None:
+        out.print(escape(recordings.describe(source)))
+        return
+    if mapping is not None:
+        columns = recordings.load_mapping(mapping)
+    else:
+        columns = recordings.ColumnMapping.from_strings(
+            channel or [],
+            time_column=time_column,
+            sample_rate=sample_rate,
+            skip_rows=skip_rows,
+            transpose=transpose,
+        )
+    recordings.convert(source, destination, columns)
+    size = destination.stat().st_size / 1e6
+    out.print(f'wrote [bold]{escape(str(destination))}[/bold] ({size:.1f} MB)')
+
+
+@app.command()
+def demo(
+    output: Annotated[
+        Path, typer.Option('--output', '-o', help='Folder for what is made.')
+    ] = Path('out'),
+) -> None:
+    """Run the live graph on a real recording and on a simulated campaign; leave reports."""
+    from impactscope.live import run_demo
+
+    for title, result, report in run_demo(output, _print_blow, _print_test_point):
+        out.rule(escape(title))
+        _print_summary(result)
+        out.print(f'report: [bold]{escape(str(report))}[/bold]')
+
+
+def _test_point(region: str, contact: Contact | None) -> TestPoint | None:
+    if not region and contact is None:
+        return None
+    kind = ContactKind.UNKNOWN if contact is None else ContactKind[contact.name.upper()]
+    return TestPoint(id='command_line', body_region=region, contact=kind)
+
+
+class _Bar:
+    """Progress on stderr, shown only where something takes longer than a moment."""
+
+    def __init__(self, title: str) -> None:
+        self._progress = Progress(
+            TextColumn('{task.description}'),
+            BarColumn(),
+            TextColumn('{task.percentage:>3.0f}%'),
+            TimeRemainingColumn(),
+            console=err,
+            transient=True,
+            redirect_stdout=err.is_terminal,
+        )
+        self._task = self._progress.add_task(escape(title), total=1.0)
+        self._started = time.monotonic()
+        self._running = False
+
+    def __call__(self, share: float) -> None:
+        if not self._running and time.monotonic() - self._started > 0.5:
+            self._progress.start()
+            self._running = True
+        self._progress.update(self._task, completed=share)
+
+    def __enter__(self) -> _Bar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._running:
+            self._progress.stop()
+
+
+def _progress(title: str) -> _Bar:
+    return _Bar(title)
+
+
+def _quantity(estimate: Estimate, scale: float, unit: str) -> str:
+    if math.isnan(estimate.value):
+        return '-'
+    if math.isnan(estimate.std):
+        return f'{estimate.value * scale:.4g} {unit}'.rstrip()
+    return f'{estimate.value * scale:.4g} ± {2 * estimate.std * scale:.2g} {unit}'.rstrip()
+
+
+def _print_blow(result: EventResult) -> None:
+    event, verdict = result.event, result.verdict
+    contacts = f'{len(event.contacts)} contact{"s" if len(event.contacts) != 1 else ""}'
+    reason = verdict.reasons[0] if verdict.reasons else ''
+    out.print(
+        f'blow {event.event_id} at {time.strftime("%H:%M:%S", time.gmtime(event.stamp_ns // 10**9))}'
+        f'.{event.stamp_ns // 10**6 % 1000:03d}: '
+        f'{contacts}, peak {_quantity(result.impact.peak_force, 1, "N")}, '
+        f'[{_STYLE[verdict.verdict]}]{verdict.verdict.name}[/]. {escape(reason)}'
+    )
+    sensor = result.sensor
+    if sensor.valid:
+        out.print(
+            f'  sensor: {_quantity(sensor.natural_frequency, 1, "Hz")}, '
+            f'damping ratio {_quantity(sensor.damping_ratio, 1, "")}, '
+            f'moving mass {_quantity(sensor.moving_mass, 1, "kg")}'
+        )
+    elif sensor.reason:
+        out.print(f'  sensor: cannot be estimated: {escape(sensor.reason)}')
+
+
+def _print_test_point(verdict: ComplianceVerdict) -> None:
+    reason = verdict.reasons[0] if verdict.reasons else ''
+    out.print(
+        f'test point {escape(repr(verdict.test_point.id))}: '
+        f'[{_STYLE[verdict.verdict]}]{verdict.verdict.name}[/]. {escape(reason)}'
+    )
+
+
+def _print_summary(result: AnalysisResult) -> None:
+    for verdict in result.test_points:
+        _print_test_point(verdict)
+    for note in result.notes:
+        out.print(f'note: {escape(note)}')
+    out.print(
+        f'{escape(result.source)}: {len(result.events)} blow'
+        f'{"s" if len(result.events) != 1 else ""} in {result.duration:.2f} s, '
+        f'verdict [{_STYLE[result.verdict]}]{result.verdict.name}[/]'
+    )
+
+
+def _conclude(result: AnalysisResult, json_file: Path | None, report: Path | None) -> int:
+    _print_summary(result)
+    if json_file is not None:
+        from impactscope.report.json_results import to_json
+
+        json_file.write_text(json.dumps(to_json(result), indent=1) + '\n', encoding='utf-8')
+        out.print(f'results: [bold]{escape(str(json_file))}[/bold]')
+    if report is not None:
+        from impactscope.report import write_report
+
+        write_report(result, report)
+        out.print(f'report: [bold]{escape(str(report))}[/bold]')
+    return UNREADABLE if result.damaged and EXIT[result.verdict] != 1 else EXIT[result.verdict]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    try:
+        app(arguments, standalone_mode=False)
+    except typer.Exit as stop:
+        return int(stop.exit_code)
+    except (typer.Abort, KeyboardInterrupt):
+        err.print('interrupted')
+        return 130
+    except ConfigurationError as error:
+        return _fail(error, 2)
+    except RecordingError as error:
+        return _fail(error, UNREADABLE)
+    except ImpactscopeError as error:
+        return _fail(error, 2)
+    except Exception as error:
+        usage = getattr(error, 'format_message', None)  # click's own errors of usage
+        if usage is None:
+            raise
+        error.show()  # type: ignore[attr-defined]
+        return int(getattr(error, 'exit_code', 2))
+    return 0
+
+
+def _fail(error: Exception, code: int) -> int:
+    err.print(f'[red]impactscope:[/red] {escape(str(error))}')
+    return code
+
+
+if __name__ == '__main__':
+    sys.exit(main())

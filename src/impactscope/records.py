@@ -314,4 +314,5 @@ class AnalysisResult:
     test_points: tuple[ComplianceVerdict, ...]  # verdicts over all repetitions
     verdict: Verdict  # of the recording as a whole
     notes: tuple[str, ...]  # what a reader must know of the data's quality, in sentences
+    damaged: bool = False  # the recording could not be read to its end
     provenance: dict[str, str] = field(default_factory=dict)  # metadata of the recording

@@ -1,0 +1,47 @@
+"""Node: what each blow tells about sensor and impactor.
+
+Topic ``events`` in; ``sensor_parameters`` and ``impact_parameters`` out, latched.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from impactscope import msg
+from impactscope.estimate import (
+    Fitter,
+    FitterSettings,
+    ImpactSettings,
+    estimate_impact,
+)
+from impactscope.nodes import qos
+from impactscope.nodes.base import StageNode
+from impactscope.nodes.conversions import to_message, to_record
+from impactscope.nodes.parameters import declare_settings, refuse_unknown
+
+__all__ = ['FitterNode']
+
+
+class FitterNode(StageNode):
+    """Runs :class:`~impactscope.estimate.Fitter` and the impact estimator on events."""
+
+    def __init__(self, **keywords: Any) -> None:
+        super().__init__('fitter', **keywords)
+        self._stage = Fitter(declare_settings(self, FitterSettings))
+        self._impact = declare_settings(self, ImpactSettings, prefix='impact.')
+        refuse_unknown(self)
+        self._sensor_publisher = self.create_publisher(
+            msg.SensorParameters, 'sensor_parameters', qos.LATCHED
+        )
+        self._impact_publisher = self.create_publisher(
+            msg.ImpactParameters, 'impact_parameters', qos.LATCHED
+        )
+        self.create_subscription(msg.ImpactEvent, 'events', self.guard(self._on_event), qos.EVENTS)
+
+    def _on_event(self, message: msg.ImpactEvent) -> None:
+        event = to_record(message)
+        for sensor in self._stage.push(event):
+            self._sensor_publisher.publish(to_message(sensor))
+            impact = estimate_impact(event, sensor, self._impact)
+            self._impact_publisher.publish(to_message(impact))
+            self.published += 1

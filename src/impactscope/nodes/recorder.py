@@ -1,0 +1,137 @@
+"""Node: records every topic of the bench to MCAP, as it goes over the wire.
+
+Topics are found by looking at the graph, so that what is added to a bench is recorded too.
+"""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from impactscope.errors import ConfigurationError
+from impactscope.nodes.base import STEADY, StageNode
+from impactscope.nodes.parameters import declare, refuse_unknown
+from impactscope.recordings import Delivery, RecordingWriter
+from impactscope.version import __version__
+
+__all__ = ['Recorder']
+
+_NEVER = ('/rosout', '/parameter_events', '/clock')
+
+
+class Recorder(StageNode):
+    """Writes what it hears; flushed often enough that a killed process loses at most a second."""
+
+    def __init__(self, **keywords: Any) -> None:
+        super().__init__('recorder', **keywords)
+        path = declare(self, 'path', '', 'file to write; empty: named by the time of the start')
+        self._wanted = declare(self, 'topics', (), 'topics to record; empty: all of the namespace')
+        self._left_out = declare(
+            self, 'leave_out', ('synced',), 'topics not to record: they follow from the others'
+        )
+        notes = _pairs(declare(self, 'provenance', (), 'notes for the file: key=value'))
+        refuse_unknown(self)
+        target = Path(path or time.strftime('impactscope_%Y%m%d_%H%M%S.mcap'))
+        target.parent.mkdir(parents=True, exist_ok=True)
+        self.path = target
+        self._writer = RecordingWriter(
+            target, metadata={'provenance': {'software': f'impactscope {__version__}', **notes}}, overwrite=True
+        )
+        self._bytes = 0
+        self._topics: set[str] = set()
+        self._discover()
+        self.create_timer(0.2, self._discover, clock=STEADY)
+
+    def _is_wanted(self, topic: str) -> bool:
+        namespace = self.get_namespace().rstrip('/') + '/'
+        if topic in _NEVER:
+            return False
+        if self._wanted:
+            return topic in {self.resolve_topic_name(name) for name in self._wanted}
+        if topic in {self.resolve_topic_name(name) for name in self._left_out}:
+            return False
+        if topic.startswith(namespace + 'mirror/'):
+            return False
+        return topic.startswith(namespace) or topic == '/diagnostics'
+
+    def _discover(self) -> None:
+        for topic, types in self.get_topic_names_and_types():
+            if topic in self._topics or not self._is_wanted(topic):
+                continue
+            offers = self.get_publishers_info_by_topic(topic)
+            if not offers:
+                continue
+            self._topics.add(topic)
+            kind = _message_class(types[0])
+            if kind is None:
+                self.get_logger().warning(
+                    f'recorder: {topic} of type {types[0]} is not known here'
+                )
+                continue
+            reliable = all(
+                offer.qos_profile.reliability == ReliabilityPolicy.RELIABLE for offer in offers
+            )
+            latched = all(
+                offer.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+                for offer in offers
+            )
+            profile = QoSProfile(
+                history=HistoryPolicy.KEEP_LAST,
+                depth=2000,
+                reliability=ReliabilityPolicy.RELIABLE
+                if reliable
+                else ReliabilityPolicy.BEST_EFFORT,
+                durability=DurabilityPolicy.TRANSIENT_LOCAL
+                if latched
+                else DurabilityPolicy.VOLATILE,
+            )
+            delivery = Delivery.LATCHED if latched else Delivery.STREAM
+            self.create_subscription(
+                kind, topic, self.guard(self._callback(topic, types[0], delivery)), profile, raw=True
+            )
+
+    def _callback(
+        self, topic: str, type_name: str, delivery: Delivery
+    ) -> Callable[[bytes], None]:
+        def on_message(data: bytes) -> None:
+            now_ns = int(self.get_clock().now().nanoseconds)
+            self._writer.write(topic, type_name, data, now_ns, delivery=delivery)
+            self._bytes += len(data)
+
+        return on_message
+
+    def finish(self) -> None:
+        """Close the file."""
+        self._writer.close()
+
+    def destroy_node(self) -> None:
+        """Close the file and go."""
+        self._writer.close()
+        super().destroy_node()
+
+    def state(self) -> tuple[str, dict[str, Any]]:
+        """What has been written."""
+        return '', {'file': self.path.name, 'bytes': self._bytes, 'topics': len(self._topics)}
+
+
+def _message_class(type_name: str) -> Any:
+    package, _, name = type_name.partition('/msg/')
+    try:
+        return getattr(importlib.import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError):
+        return None
+
+
+def _pairs(texts: Iterable[str]) -> dict[str, str]:
+    pairs = {}
+    for text in texts:
+        key, found, value = text.partition('=')
+        if not found:
+            raise ConfigurationError(f'recorder: provenance {text!r}; written as key=value')
+        pairs[key.strip()] = value.strip()
+    return pairs

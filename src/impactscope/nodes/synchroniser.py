@@ -1,0 +1,163 @@
+"""Node: puts all channels on one time base. Blocks and stamped samples in, ``synced`` out.
+
+Inputs are topics of SampleBlock (parameter ``sample_topics``) and, sample by sample, topics of
+standard types (parameter ``inputs``), each written as ``kind topic axis channel``, such as
+``wrench ft_sensor/wrench force.z force`` or ``imu flange/imu linear_acceleration.x
+acceleration.impactor``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from geometry_msgs.msg import AccelStamped, WrenchStamped
+
+from impactscope import msg
+from impactscope.inputs import Input
+from impactscope.nodes import qos, wire
+from impactscope.nodes.base import STEADY, StageNode
+from impactscope.nodes.conversions import time_message, to_message, to_record
+from impactscope.nodes.parameters import declare, declare_settings, refuse_unknown
+from impactscope.records import SyncedBlock
+from impactscope.synchronise import (
+    Mirror,
+    SampleAssembler,
+    Synchroniser,
+    SynchroniserSettings,
+    quality_notes,
+)
+
+__all__ = ['SynchroniserNode']
+
+PAPER_BENCH = ('force', 'acceleration.plate', 'acceleration.impactor', 'acceleration.base')
+
+
+class SynchroniserNode(StageNode):
+    """Runs :class:`~impactscope.synchronise.Synchroniser` on topics."""
+
+    def __init__(self, **keywords: Any) -> None:
+        super().__init__('synchroniser', **keywords)
+        settings = declare_settings(self, SynchroniserSettings, channels=PAPER_BENCH)
+        topics = declare(
+            self, 'sample_topics', ('force_samples', 'acceleration_samples'), 'of SampleBlock'
+        )
+        inputs = declare(self, 'inputs', (), 'stamped samples: kind topic axis channel')
+        input_rate = declare(
+            self, 'input_rate', 0.0, 'nominal rate of stamped samples [Hz]; 0: estimated', low=0.0
+        )
+        self._idle_time = declare(
+            self,
+            'idle_time',
+            5.0,
+            'a stream that is silent this long has ended [s]; 0: never',
+            low=0.0,
+        )
+        mirror_rate = declare(
+            self, 'mirror_rate', 200.0, 'of the mirrored channels for plots [Hz]; 0: none', low=0.0
+        )
+        refuse_unknown(self)
+        self._stage = Synchroniser(settings)
+        self._publisher = self.create_publisher(
+            msg.SyncedBlock, 'synced', qos.SAMPLES, qos_overriding_options=qos.OVERRIDES
+        )
+        self._mirror = Mirror(mirror_rate) if mirror_rate > 0 else None
+        self._mirrors: dict[str, Any] = {}
+        self._assemblers: list[SampleAssembler] = []
+        for topic in topics:
+            self.create_subscription(
+                msg.SampleBlock,
+                topic,
+                self.guard(self._on_block),
+                qos.SAMPLES,
+                qos_overriding_options=qos.OVERRIDES,
+            )
+        for text in inputs:
+            self._add_input(text, input_rate)
+        self._last_received = 0
+        if self._idle_time > 0:
+            self.create_timer(self._idle_time, self._end_if_idle, clock=STEADY)
+
+    def _add_input(self, text: str, rate: float) -> None:
+        item = Input.parse(text)
+        read = wire.StampedValueReader(item.kind, item.axis)
+        assembler = SampleAssembler(item.channel, item.unit, rate=rate)
+        self._assemblers.append(assembler)
+        self.create_subscription(
+            read.message_type,
+            item.topic,
+            self.guard(self._sample_callback(read, assembler)),
+            qos.WRENCH_IN,
+            raw=True,
+            qos_overriding_options=qos.OVERRIDES,
+        )
+
+    def _sample_callback(
+        self, read: wire.StampedValueReader, assembler: SampleAssembler
+    ) -> Callable[[bytes], None]:
+        def on_sample(data: bytes) -> None:
+            for block in assembler.push(*read(data)):
+                self._publish(self._stage.push(block))
+
+        return on_sample
+
+    def _on_block(self, message: msg.SampleBlock) -> None:
+        self._publish(self._stage.push(to_record(message)))
+
+    def _end_if_idle(self) -> None:
+        if self.received == self._last_received and self.received:
+            self._end()
+        self._last_received = self.received
+
+    def _end(self) -> None:
+        for assembler in self._assemblers:
+            for block in assembler.end():
+                self._publish(self._stage.push(block))
+        self._publish(self._stage.flush())
+
+    def finish(self) -> None:
+        """Publish what is complete; the stream has ended."""
+        self._end()
+
+    def _publish(self, blocks: Iterable[SyncedBlock]) -> None:
+        for block in blocks:
+            self._publisher.publish(to_message(block))
+            self.published += 1
+            if self._mirror is not None:
+                self._publish_mirror(block)
+
+    def _publish_mirror(self, block: SyncedBlock) -> None:
+        assert self._mirror is not None  # noqa: S101 - the caller has looked
+        for channel, stamps_ns, values in self._mirror.push(block):
+            is_force = channel.unit == 'N'
+            publisher = self._mirrors.get(channel.name)
+            if publisher is None:
+                publisher = self.create_publisher(
+                    WrenchStamped if is_force else AccelStamped,
+                    'mirror/' + channel.name.replace('.', '_'),
+                    qos.MIRROR,
+                )
+                self._mirrors[channel.name] = publisher
+            for stamp_ns, value in zip(stamps_ns, values, strict=True):
+                message = WrenchStamped() if is_force else AccelStamped()
+                message.header.stamp = time_message(int(stamp_ns))
+                message.header.frame_id = channel.frame_id
+                if is_force:
+                    message.wrench.force.z = float(value)
+                else:
+                    message.accel.linear.z = float(value)
+                publisher.publish(message)
+
+    def state(self) -> tuple[str, dict[str, Any]]:
+        """Counts for each channel; a warning where data was lost or refused."""
+        warnings = []
+        values: dict[str, Any] = {}
+        for name, counts in self._stage.statistics.items():
+            values[name] = counts
+            if counts.lost_samples or counts.late or counts.refused:
+                warnings.append(name)
+        return (f'lost, late or refused data in {", ".join(warnings)}' if warnings else ''), values
+
+    def notes(self) -> list[str]:
+        """What a reader must know of the data's quality, in sentences."""
+        return quality_notes(self._stage.statistics)
