@@ -1,0 +1,237 @@
+"""Files of columns (CSV and other text, NumPy, MATLAB, JSON) as named columns of numbers."""
+
+from __future__ import annotations
+
+import csv
+import json
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.io  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+
+from impactscope.errors import MissingChannelError, RecordingError
+
+__all__ = ['ColumnFile', 'describe', 'read_columns']
+
+_DELIMITERS = (',', ';', '\t', '|')
+_NUMPY_MAGIC, _ZIP_MAGIC, _HDF5_MAGIC = b'\x93NUMPY', b'PK\x03\x04', b'\x89HDF'
+_MATLAB_MAGIC = b'MATLAB 5.0 MAT-file'
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColumnFile:
+    """The columns of one file.
+
+    ``arrays`` holds tables of shape (n_rows, n_columns) by name; text, .npy and JSON files have
+    one, named ''. ``names`` are the headings of that one, where it has any.
+    """
+
+    path: Path
+    arrays: dict[str, NDArray[np.float64]]
+    names: tuple[str, ...] = ()
+    first_row: int = 1  # line of the file on which the data begins
+
+    def column(self, key: str | int) -> NDArray[np.float64]:
+        """One column, shape (n_rows,).
+
+        Args:
+            key: index, heading, variable, or variable and index as in ``data[2]``.
+
+        Raises MissingChannelError where it is not there.
+        """
+        name, index = '', key
+        if isinstance(key, str):
+            if key in self.names:
+                index = self.names.index(key)
+            elif key in self.arrays:
+                name, index = key, 0
+            else:
+                name, _, rest = key.partition('[')
+                index = int(rest[:-1]) if rest[:-1].isdecimal() and rest[-1:] == ']' else -1
+        table = self.arrays.get(name)
+        if table is None and isinstance(key, int) and len(self.arrays) == 1:
+            table = next(iter(self.arrays.values()))
+        if table is None or not 0 <= int(index) < table.shape[1]:
+            raise MissingChannelError(
+                f'{self.path.name!r} has no column {key!r}; it has {", ".join(self.keys())}'
+            )
+        if isinstance(key, str) and key == name and table.shape[1] > 1:
+            raise MissingChannelError(
+                f'{key!r} in {self.path.name!r} has {table.shape[1]} columns: '
+                f"name one, as in '{key}[0]'"
+            )
+        return table[:, int(index)]
+
+    def keys(self) -> list[str]:
+        """What :meth:`column` takes, and how many rows each has."""
+        found = []
+        for name, table in self.arrays.items():
+            rows, columns = table.shape
+            for i in range(columns):
+                if name:
+                    label = name if columns == 1 else f'{name}[{i}]'
+                else:
+                    label = f'{i} {self.names[i]!r}' if i < len(self.names) else str(i)
+                found.append(f'{label} ({rows} rows)')
+        return found
+
+
+def _table(
+    array: NDArray[np.generic], path: Path, name: str, transpose: bool
+) -> NDArray[np.float64]:
+    if array.dtype.kind not in 'biuf' or array.ndim > 2:
+        raise RecordingError(
+            f'{name or "the array"!r} of {path.name!r} has {array.ndim} dimensions of '
+            f'{array.dtype}; a table of real numbers is needed'
+        )
+    table = np.asarray(array, dtype=np.float64)
+    if table.ndim < 2:
+        return table.reshape(-1, 1)
+    return table.T if transpose else table
+
+
+def _numeric(fields: list[str]) -> bool:
+    try:
+        return bool([float(f) for f in fields if f.strip()])
+    except ValueError:
+        return False
+
+
+def _split(line: str, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        return line.split()
+    return next(csv.reader([line], delimiter=delimiter), [])
+
+
+def _read_text(path: Path, skip_rows: int | None, delimiter: str | None) -> ColumnFile:
+    try:
+        lines = path.read_text(encoding='utf-8-sig').splitlines()
+    except UnicodeDecodeError as error:
+        raise RecordingError(
+            f'{path.name!r} is neither text (UTF-8), NumPy, MATLAB nor JSON'
+        ) from error
+    if delimiter is None:
+        sample = lines[-1] if lines else ''
+        delimiter = next((d for d in _DELIMITERS if d in sample), None)
+    first = skip_rows
+    if first is None:
+        first = next(
+            (i for i, s in enumerate(lines) if _numeric(_split(s, delimiter))), len(lines)
+        )
+    rows = [(i, line) for i, line in enumerate(lines[first:], first + 1) if line.strip()]
+    if not rows:
+        raise RecordingError(f'{path.name!r} has no rows of numbers after {first} header lines')
+    width = len(_split(rows[0][1], delimiter))
+    table = np.empty((len(rows), width))
+    for k, (number, line) in enumerate(rows):
+        fields = _split(line, delimiter)
+        if len(fields) != width:
+            raise RecordingError(
+                f'{path.name!r}, line {number}: {len(fields)} columns instead of {width}'
+            )
+        for j, field in enumerate(fields):
+            try:
+                table[k, j] = float(field) if field.strip() else np.nan
+            except ValueError:
+                raise RecordingError(
+                    f'{path.name!r}, line {number}, column {j}: {field[:40]!r} is no number'
+                ) from None
+    heading = [f.strip() for f in _split(lines[first - 1], delimiter)] if first else []
+    names = tuple(heading) if len(heading) == width and not _numeric(heading) else ()
+    return ColumnFile(path, {'': table}, names, rows[0][0])
+
+
+def _read_json(path: Path) -> ColumnFile:
+    content = json.loads(path.read_text(encoding='utf-8'))
+    if isinstance(content, list):
+        content = {'': content}
+    if not isinstance(content, dict):
+        raise RecordingError(f'{path.name!r} holds no table')
+    arrays = {}
+    for name, value in content.items():
+        array = np.array(value) if isinstance(value, list) else None
+        if array is not None and array.dtype.kind in 'biuf':
+            arrays[str(name)] = _table(array, path, str(name), transpose=False)
+    if not arrays:
+        raise RecordingError(f'{path.name!r} holds no table of numbers')
+    return ColumnFile(path, arrays)
+
+
+def _read_matlab(path: Path) -> ColumnFile:
+    arrays = {}
+    for name, array in scipy.io.loadmat(str(path)).items():
+        if not name.startswith('__') and getattr(array, 'dtype', np.dtype(object)).kind in 'biuf':
+            # MATLAB's vectors are tables of one row or one column.
+            lying = array.ndim == 2 and array.shape[0] == 1
+            arrays[name] = _table(array, path, name, transpose=lying)
+    if not arrays:
+        raise RecordingError(f'{path.name!r} holds no numeric variables')
+    return ColumnFile(path, arrays)
+
+
+def read_columns(
+    path: str | Path,
+    *,
+    skip_rows: int | None = None,
+    delimiter: str | None = None,
+    transpose: bool = False,
+) -> ColumnFile:
+    """Read a file of columns, of a kind that its content tells.
+
+    Args:
+        path: text (CSV and the like), .npy, .npz, MATLAB up to version 7.2, or JSON.
+        skip_rows: header lines of a text file; None: up to the first line of numbers.
+        delimiter: of a text file; None: found from the last line; blanks where none is there.
+        transpose: whether the rows of the file's tables are the channels.
+
+    Raises RecordingError where it is missing, of another kind, or not a table of numbers.
+    """
+    path = Path(path)
+    try:
+        with path.open('rb') as file:
+            head = file.read(32)
+    except OSError as error:
+        raise RecordingError(f'{str(path)!r} cannot be read: {error.strerror}') from error
+    if not head:
+        raise RecordingError(f'{path.name!r} is empty (0 bytes)')
+    try:
+        if head.startswith(_NUMPY_MAGIC):
+            arrays = {'': np.load(path, allow_pickle=False)}
+        elif head.startswith(_ZIP_MAGIC):
+            with np.load(path, allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+        elif head.startswith(_MATLAB_MAGIC):
+            found = _read_matlab(path)
+            return _transposed(found) if transpose else found
+        elif head.startswith((_HDF5_MAGIC, b'MATLAB 7.3')):
+            raise RecordingError(
+                f'{path.name!r} is a MATLAB 7.3 (HDF5) file: save it anew with `save -v7`'
+            )
+        elif head.lstrip()[:1] in (b'{', b'['):
+            found = _read_json(path)
+            return _transposed(found) if transpose else found
+        else:
+            found = _read_text(path, skip_rows, delimiter)
+            return _transposed(found) if transpose else found
+    except (ValueError, TypeError, KeyError, EOFError, OSError, zipfile.BadZipFile) as error:
+        raise RecordingError(f'{path.name!r} cannot be read as a table ({error})') from error
+    return ColumnFile(
+        path, {name: _table(array, path, name, transpose) for name, array in arrays.items()}
+    )
+
+
+def _transposed(file: ColumnFile) -> ColumnFile:
+    """Tables of more than one column with rows for channels."""
+    arrays = {n: t.T if t.shape[1] > 1 else t for n, t in file.arrays.items()}
+    return ColumnFile(file.path, arrays)
+
+
+def describe(path: str | Path, *, transpose: bool = False) -> list[str]:
+    """The columns of a file, one line each: what to name them, and how many rows they have.
+
+    Raises RecordingError as :func:`read_columns` does.
+    """
+    return read_columns(path, transpose=transpose).keys()
