@@ -3,7 +3,7 @@
     f(t) = A exp(-zeta wn t) cos(wd t + phi) + B,    wd = wn sqrt(1 - zeta²)
 
 Least squares by variable projection, from starting values that the data give. The standard
-uncertainties are the Cramér-Rao bound's, with the noise taken from the residual; where the
+uncertainties are those of least squares with the noise taken from the residual; where the
 residual is not white they grow with its power around the oscillation.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -27,6 +28,7 @@ Array = NDArray[np.float64]
 PARAMETERS = 5
 FEWEST_SAMPLES = 12
 FEWEST_PERIODS = 1.0  # below, offset and oscillation cannot be told apart
+BATCHED = 4096  # samples up to which all starting spectra are made in one call
 LAGS = 8  # of the whiteness test
 ROUNDED = 1e-20  # residual's share of the energy at the resolution of float64
 WHITE_LIMIT = 31.83  # Ljung-Box over 8 lags: exceeded by white noise once in 10,000
@@ -80,28 +82,20 @@ class FreeOscillationFit:
         return np.asarray(y - self.evaluate(np.arange(y.size) / self.sample_rate))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Solution:
+class Solution(NamedTuple):
     """A fit in the span's own units: decay s and angle w over the span."""
 
     s: float
     w: float
     linear: Array  # a, b, offset (of the centred record)
-    products: Array  # (5, 5)
+    products: Array  # (5, 5), of the columns
+    curvature: Array  # (5, 5), residual times second derivatives
     energy: float  # sum of squares about the mean
     rss: float
     residual: Array
-    correlations: Array  # (LAGS,)
+    autocorrelation: float  # of the residual at lag 1
+    whiteness: float  # Ljung-Box statistic of the residual
     iterations: int
-
-    @property
-    def whiteness(self) -> float:
-        """Ljung-Box statistic of the residual."""
-        n = self.residual.size
-        weighted = (
-            rho * rho / (n - lag) for lag, rho in enumerate(self.correlations.tolist(), start=1)
-        )
-        return n * (n + 2.0) * sum(weighted)
 
     @property
     def white(self) -> bool:
@@ -169,27 +163,36 @@ def in_span_units(start: tuple[float, float], n: int, sample_rate: float) -> Arr
 def starting_values(y: Array) -> Array:
     """Candidates (s, w), shape (n, 2): the strongest line in ever shorter first parts.
 
-    A part as long as the decay is close to the matched filter (within 2 dB for any decay).
+    A part about as long as the decay is close to the matched filter (2 dB at worst).
     """
-    rows = []
-    length = y.size
-    while True:
-        padded = 1 << (length - 1).bit_length()
-        if length < y.size:
-            padded *= 2
-        s, w, power = kernels.best_start(y, length, np.fft.rfft(y[:length], padded), padded)
-        if power > 0.0:
-            rows.append((s, w))
-        length //= 4
-        if length < 2 * FEWEST_SAMPLES:
-            break
-    return np.array(rows, dtype=np.float64).reshape(-1, 2)
+    lengths = [y.size]
+    while lengths[-1] >= 8 * FEWEST_SAMPLES:
+        lengths.append(lengths[-1] // 4)
+    if y.size > BATCHED:
+        spectra = [np.fft.rfft(y[:n], 2 << (n - 1).bit_length()) for n in lengths]
+        return np.array(
+            [kernels.strongest_line(y, n, x) for n, x in zip(lengths, spectra, strict=True)]
+        )
+    # One call for all: for a short record its overhead outweighs the transform.
+    parts = np.zeros((len(lengths), 1 << (y.size - 1).bit_length()))
+    for row, n in enumerate(lengths):
+        parts[row, :n] = y[:n]
+    lines: Array = _strongest_lines(y, np.array(lengths), np.fft.rfft(parts))
+    return lines
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _strongest_lines(y: Array, lengths: NDArray[np.int64], spectra: kernels.Spectrum) -> Array:
+    out = np.empty((lengths.size, 2))
+    for k in range(lengths.size):
+        out[k, 0], out[k, 1] = kernels.strongest_line(y, lengths[k], spectra[k])
+    return out
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _solve(
     y: Array, starts: Array
-) -> tuple[float, float, Array, Array, float, float, Array, Array, int]:
+) -> tuple[float, float, Array, Array, Array, float, float, Array, float, float, int]:
     """Gauss-Newton from the best start, the next best where it fails; then the residual."""
     n = y.size
     c, q, r = np.empty(n), np.empty(n), np.empty(n)
@@ -207,22 +210,25 @@ def _solve(
     for _ in range(starts.shape[0]):
         k = int(np.argmax(explained))
         explained[k] = -1.0
-        s, w, iterations = kernels.gauss_newton(
-            y, starts[k, 0], starts[k, 1], c, q, g, h, linear
-        )
+        s, w, iterations = kernels.gauss_newton(y, starts[k, 0], starts[k, 1], c, q, g, h, linear)
         if iterations > 0:
             break
     rss = kernels.residuals(y, s, w, linear, c, q, r)
-    return s, w, linear, g, energy, rss, r, kernels.autocorrelations(r, LAGS), iterations
+    bend = kernels.curvature(r, linear, c, q)
+    correlations = kernels.autocorrelations(r, LAGS)
+    whiteness = 0.0
+    for k in range(LAGS):
+        whiteness += n * (n + 2.0) * correlations[k] ** 2 / (n - k - 1)
+    return s, w, linear, g, bend, energy, rss, r, correlations[0], whiteness, iterations
 
 
 def solve(y: Array, starts: Array | None = None) -> Solution:
     """The fit of a centred record in span units; raises EstimationError where there is none."""
     if starts is None:
         starts = starting_values(y)
-    if not starts.size or not np.any(y):
-        raise EstimationError('the span does not vary; nothing oscillates')
     solution = Solution(*_solve(y, starts))
+    if solution.energy == 0.0:
+        raise EstimationError('the span does not vary; nothing oscillates')
     if not math.isfinite(solution.rss):
         raise InputError('the span holds samples that are not finite')
     if solution.iterations < 0:
@@ -237,13 +243,20 @@ def solve(y: Array, starts: Array | None = None) -> Solution:
     return solution
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _uncertainties(
-    g: Array, linear: Array, sigma: float, omega: float, duration: float, variance: float
+    g: Array,
+    bend: Array,
+    linear: Array,
+    sigma: float,
+    omega: float,
+    duration: float,
+    variance: float,
 ) -> Array:
     """Covariance (7, 7) in the order of FreeOscillationFit.covariance, then fd and decay.
 
-    All zero where the information matrix is singular.
+    H^-1 J'J H^-1 with H the objective's own Hessian at the minimum: it tends to the usual
+    (J'J)^-1 as the noise falls, and covers as stated down to 10 dB, where that one does not.
     """
     a, b = linear[0], linear[1]
     wn = math.hypot(sigma, omega)
@@ -259,17 +272,41 @@ def _uncertainties(
     jacobian[3, 2], jacobian[3, 3] = b / amplitude**2, -a / amplitude**2
     jacobian[4, 4] = 1.0
     matrix = kernels.information(g, linear)
+    observed = matrix - bend
     scale = np.sqrt(np.diag(matrix))
     if not scale.min() > 0.0:
-        return np.zeros((7, 7))
+        return np.full((7, 7), np.nan)
     for i in range(PARAMETERS):
         for k in range(PARAMETERS):
             matrix[i, k] /= scale[i] * scale[k]
-    inverse = np.linalg.inv(matrix)
+            observed[i, k] /= scale[i] * scale[k]
+    inverse = np.empty((PARAMETERS, PARAMETERS))
+    if kernels.invert(observed, inverse):
+        inverse = _sandwich(inverse, matrix)
+    elif not kernels.invert(matrix, inverse):
+        return np.full((7, 7), np.nan)
     for i in range(PARAMETERS):
         for k in range(PARAMETERS):
             inverse[i, k] *= variance / (scale[i] * scale[k])
-    return jacobian @ inverse @ jacobian.T
+    physical: Array = _sandwich(jacobian, inverse)
+    return physical
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _sandwich(outer: Array, inner: Array) -> Array:
+    """Outer times inner times outer transposed: quicker than a library for so small ones."""
+    rows, size = outer.shape
+    half = np.zeros((rows, size))
+    out = np.zeros((rows, rows))
+    for i in range(rows):
+        for k in range(size):
+            for m in range(size):
+                half[i, k] += outer[i, m] * inner[m, k]
+    for i in range(rows):
+        for k in range(rows):
+            for m in range(size):
+                out[i, k] += half[i, m] * outer[k, m]
+    return out
 
 
 def describe(solution: Solution, mean: float, sample_rate: float) -> FreeOscillationFit:
@@ -284,7 +321,13 @@ def describe(solution: Solution, mean: float, sample_rate: float) -> FreeOscilla
     sigma, omega = solution.s / duration, solution.w / duration
     wn = math.hypot(sigma, omega)
     covariance = _uncertainties(
-        solution.products, solution.linear, sigma, omega, duration, variance * inflation**2
+        solution.products,
+        solution.curvature,
+        solution.linear,
+        sigma,
+        omega,
+        duration,
+        variance * inflation**2,
     )
     std = [math.sqrt(max(v, 0.0)) for v in covariance.diagonal().tolist()]
     return FreeOscillationFit(
@@ -299,7 +342,7 @@ def describe(solution: Solution, mean: float, sample_rate: float) -> FreeOscilla
         r_squared=1.0 - solution.rss / solution.energy,
         rmse=math.sqrt(solution.rss / n),
         noise_std=math.sqrt(variance),
-        autocorrelation=float(solution.correlations[0]),
+        autocorrelation=solution.autocorrelation,
         whiteness=whiteness,
         white=white,
         inflation=inflation,

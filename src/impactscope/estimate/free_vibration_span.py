@@ -255,7 +255,7 @@ def _search(record: Array, first: int, failed: _Trial) -> _Trial:
     return best
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _disagreement(
     y: Array, s: float, w: float, residual: Array, variance: float, share: float
 ) -> tuple[float, float]:
@@ -304,7 +304,7 @@ def _disagreement(
     return shift, _ratio_in_std(early, n_early * share, late, n_late * share)
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _ratio_in_std(first: float, dof_first: float, second: float, dof_second: float) -> float:
     """How far a variance lies above another, in standard deviations.
 
@@ -314,7 +314,8 @@ def _ratio_in_std(first: float, dof_first: float, second: float, dof_second: flo
         return 0.0
     cube = (first / second) ** (1.0 / 3.0)
     a, b = 2.0 / (9.0 * dof_first), 2.0 / (9.0 * dof_second)
-    return ((1.0 - b) * cube - (1.0 - a)) / math.sqrt(a + b * cube * cube)
+    z: float = ((1.0 - b) * cube - (1.0 - a)) / math.sqrt(a + b * cube * cube)
+    return z
 
 
 def _noise_level(residual: Array, w: float, variance: float) -> tuple[float, float]:
@@ -336,4 +337,5 @@ def _noise_level(residual: Array, w: float, variance: float) -> tuple[float, flo
     power = float(np.mean(low.real**2 + low.imag**2)) / n
     # The fit has taken two lines out of the lower band; Hann's bins are 2/3 independent.
     dof_low, dof_level = 2.0 * low.size, 2.0 * spectrum.size / 1.5
-    return level, _ratio_in_std(power, dof_low, max(level, 1e-300), dof_level)
+    misfit: float = _ratio_in_std(power, dof_low, max(level, 1e-300), dof_level)
+    return level, misfit

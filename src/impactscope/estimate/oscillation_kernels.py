@@ -18,19 +18,30 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ['autocorrelations', 'best_start', 'gauss_newton', 'information', 'moments', 'residuals']
+__all__ = [
+    'autocorrelations',
+    'curvature',
+    'gauss_newton',
+    'information',
+    'invert',
+    'moments',
+    'project',
+    'residuals',
+    'strongest_line',
+]
 
 Array = NDArray[np.float64]
+Spectrum = NDArray[np.complex128]
 FAST = {'reassoc', 'contract'}  # sums may be vectorised; NaN and inf keep their meaning
 
-PREDICTED_GAIN = 1e-10  # stop when a step would gain less than this share of one residual²
+PREDICTED_GAIN = 1e-8  # stop when a step would gain less than this share of one residual²
 ROUNDING = 1e-28  # ... or this share of the record's energy: the limit of float64
 MAX_ITERATIONS = 60
 MOST_GROWTH = -3.0  # s below this (growing by exp(3) over the span) is no free vibration
 MOST_DECAY = 400.0  # s above this leaves nothing to see
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _fill_columns(s: float, w: float, c: Array, q: Array) -> None:
     """exp(-s i/n) cos(w i/n) and sin into c and q, by doubling: rounding grows as log n."""
     n = c.size
@@ -47,7 +58,7 @@ def _fill_columns(s: float, w: float, c: Array, q: Array) -> None:
         m *= 2
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST)  # type: ignore[untyped-decorator]
 def moments(y: Array, s: float, w: float, c: Array, q: Array, g: Array, h: Array) -> None:
     """Fill g (5, 5) with the columns' products and h (5,) with their products with y.
 
@@ -95,7 +106,7 @@ def moments(y: Array, s: float, w: float, c: Array, q: Array, g: Array, h: Array
     h[0], h[1], h[2], h[3], h[4] = y_c, y_q, y_1, y_tc, y_tq
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def project(g: Array, h: Array, linear: Array, gradient: Array, hessian: Array) -> bool:
     """Solve for the linear parameters; fill gradient (2,) and hessian (2, 2) of s and w.
 
@@ -145,7 +156,7 @@ def project(g: Array, h: Array, linear: Array, gradient: Array, hessian: Array) 
     return True
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def gauss_newton(
     y: Array, s: float, w: float, c: Array, q: Array, g: Array, h: Array, linear: Array
 ) -> tuple[float, float, int]:
@@ -196,7 +207,7 @@ def gauss_newton(
     return s, w, -MAX_ITERATIONS
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST)  # type: ignore[untyped-decorator]
 def _half_ratio(y: Array, length: int, w: float) -> tuple[float, float]:
     """(s, w) refined: the second half of the first ``length`` samples over the first half.
 
@@ -228,30 +239,26 @@ def _half_ratio(y: Array, length: int, w: float) -> tuple[float, float]:
     return s, w + turned * n / half
 
 
-@njit(cache=True)
-def best_start(
-    y: Array, length: int, spectrum: NDArray[np.complex128], padded: int
-) -> tuple[float, float, float]:
-    """(s, w, power per sample) of the strongest line in the first ``length`` samples.
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def strongest_line(y: Array, length: int, spectrum: Spectrum) -> tuple[float, float]:
+    """(s, w) of the strongest line in the first ``length`` samples.
 
-    ``spectrum`` is the real FFT of those samples, zero-padded to ``padded``.
+    ``spectrum`` is the real FFT of those samples, zero-padded to a power of two.
     """
-    best = 0.0
-    peak = 0
+    padded = 2 * (spectrum.size - 1)
+    best = -1.0
+    peak = 1
     first = max(1, padded // (2 * length))  # half a period in the window: offset, not a line
     for k in range(first, spectrum.size - 1):
         power = spectrum[k].real ** 2 + spectrum[k].imag ** 2
         if power > best:
             best = power
             peak = k
-    if peak == 0:
-        return 0.0, 0.0, 0.0
-    w = 2.0 * math.pi * peak * y.size / padded
-    s, refined = _half_ratio(y, length, w)
-    return s, refined, best / length
+    s, w = _half_ratio(y, length, 2.0 * math.pi * peak * y.size / padded)
+    return s, w
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def residuals(y: Array, s: float, w: float, linear: Array, c: Array, q: Array, r: Array) -> float:
     """Fill r with y minus the model; return the sum of its squares."""
     _fill_columns(s, w, c, q)
@@ -262,7 +269,7 @@ def residuals(y: Array, s: float, w: float, linear: Array, c: Array, q: Array, r
     return rss
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def information(g: Array, linear: Array) -> Array:
     """J' J of (s, w, a, b, offset), shape (5, 5), from the columns' products."""
     j = np.zeros((5, 5))
@@ -281,7 +288,66 @@ def information(g: Array, linear: Array) -> Array:
     return out
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST)  # type: ignore[untyped-decorator]
+def curvature(r: Array, linear: Array, c: Array, q: Array) -> Array:
+    """Sum of r times the model's second derivatives in (s, w, a, b, offset), shape (5, 5).
+
+    c and q must hold the columns, as :func:`residuals` leaves them.
+    """
+    r_c = r_q = r_tc = r_tq = 0.0
+    step = 1.0 / r.size
+    for i in range(r.size):
+        weighted = r[i] * i * step
+        r_c += weighted * c[i]
+        r_q += weighted * q[i]
+        r_tc += weighted * i * step * c[i]
+        r_tq += weighted * i * step * q[i]
+    a, b = linear[0], linear[1]
+    out = np.zeros((5, 5))
+    out[0, 0] = a * r_tc + b * r_tq
+    out[1, 1] = -out[0, 0]
+    out[0, 1] = out[1, 0] = a * r_tq - b * r_tc
+    out[0, 2] = out[2, 0] = -r_c
+    out[0, 3] = out[3, 0] = -r_q
+    out[1, 2] = out[2, 1] = -r_q
+    out[1, 3] = out[3, 1] = r_c
+    return out
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def invert(matrix: Array, out: Array) -> bool:
+    """Inverse of a symmetric positive definite matrix by Cholesky; False if it is not one."""
+    n = matrix.shape[0]
+    factor = np.zeros((n, n))  # inverse of the lower triangle, column by column
+    lower = np.zeros((n, n))
+    for i in range(n):
+        for k in range(i + 1):
+            total = matrix[i, k]
+            for m in range(k):
+                total -= lower[i, m] * lower[k, m]
+            if i == k:
+                if not total > 1e-14 * matrix[i, i]:
+                    return False
+                lower[i, i] = math.sqrt(total)
+            else:
+                lower[i, k] = total / lower[k, k]
+    for k in range(n):
+        factor[k, k] = 1.0 / lower[k, k]
+        for i in range(k + 1, n):
+            total = 0.0
+            for m in range(k, i):
+                total -= lower[i, m] * factor[m, k]
+            factor[i, k] = total / lower[i, i]
+    for i in range(n):
+        for k in range(i + 1):
+            total = 0.0
+            for m in range(i, n):
+                total += factor[m, i] * factor[m, k]
+            out[i, k] = out[k, i] = total
+    return True
+
+
+@njit(cache=True, fastmath=FAST)  # type: ignore[untyped-decorator]
 def autocorrelations(r: Array, lags: int) -> Array:
     """Autocorrelation of r at lags 1 ... lags, shape (lags,); r is taken to have no mean."""
     out = np.zeros(lags)

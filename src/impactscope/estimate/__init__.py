@@ -1,0 +1,18 @@
+"""Stages that estimate: samples in, values with standard uncertainties out."""
+
+from impactscope.estimate.fitter import Fitter
+from impactscope.estimate.impact_parameters import (
+    ImpactEstimator,
+    ImpactSettings,
+    estimate_impact,
+)
+from impactscope.estimate.sensor_parameters import FitterSettings, estimate_sensor
+
+__all__ = [
+    'Fitter',
+    'FitterSettings',
+    'ImpactEstimator',
+    'ImpactSettings',
+    'estimate_impact',
+    'estimate_sensor',
+]

@@ -1,0 +1,297 @@
+"""What one blow tells about the sensor, or why it cannot tell.
+
+After the last contact the plate vibrates freely on its spring; its frequency and decay are the
+sensor's own (section 3.1.1 of Samarathunga et al. 2024). While the impactor rests on the plate
+they are those of both together, and no sensor parameter.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.errors import ConfigurationError, EstimationError, InputError
+from impactscope.estimate import free_oscillation as model
+from impactscope.estimate.amplitude_dependence import amplitude_dependence
+from impactscope.estimate.free_vibration_span import FreeVibration, choose_span
+from impactscope.estimate.spectrum import bandwidth, estimate_from_spectrum
+from impactscope.records import Estimate, ImpactEvent, Quality, SensorParameters
+
+__all__ = ['FitterSettings', 'estimate_sensor']
+
+Array = NDArray[np.float64]
+
+METHOD = 'free oscillation (eq. 27), variable projection'
+SIGNIFICANT_DEPENDENCE = 1e-3  # p-value at which damping or frequency depends on amplitude
+LEAST_MODE_GAIN = 0.5  # of the residual's power, that a second oscillation has to explain
+MODE_SIGNIFICANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class FitterSettings:
+    """Settings of the fitter; raises ConfigurationError for values out of range."""
+
+    channel: str = ''  # the force channel that is fitted; empty: the event's first
+    spring_stiffness: float = math.nan  # N/m, where the test point does not state it
+    spring_stiffness_std: float = math.nan  # N/m, its standard uncertainty
+    settle: float = 0.0  # s left out after the end of the last contact
+    fewest_periods: float = 3.0  # of free vibration in the span
+    least_snr: float = 3.0  # amplitude at the span's start over the residual's RMS
+    resting_force: float = 3.0  # N after the blow, above which the impactor rests on the plate
+    largest_std: float = 0.25  # relative standard uncertainty of the damping ratio, at most
+    largest_second_mode: float = 0.2  # amplitude of a second oscillation over the first's
+
+    def __post_init__(self) -> None:
+        for item in dataclasses.fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, str):
+                continue
+            optional = isinstance(item.default, float) and math.isnan(item.default)
+            if not (value >= 0 and math.isfinite(value)) and not (optional and math.isnan(value)):
+                raise ConfigurationError(
+                    f'fitter: {item.name} is {value!r}; it must be zero or more'
+                )
+        if self.spring_stiffness == 0:
+            raise ConfigurationError('fitter: spring_stiffness is 0 N/m; a spring has more')
+
+
+class _CannotTell(Exception):  # noqa: N818 - a reason on its way out of this module, no error
+    """Why the event does not tell the sensor's parameters."""
+
+
+def estimate_sensor(
+    event: ImpactEvent, settings: FitterSettings = FitterSettings()
+) -> SensorParameters:
+    """Fit the free vibration after a blow; never raises for what the data lack.
+
+    ``valid`` is False, with the reason, where the blow cannot tell. The fit's figures still
+    stand beside the reason where there is a fit that a reader may want to judge.
+    """
+    try:
+        row = _force_row(event, settings)
+        values, rate, begin, step = _free_part(event, row, settings)
+        vibration = choose_span(values, rate, earliest=0.0 if event.contacts else None)
+    except (_CannotTell, EstimationError, InputError) as error:
+        return SensorParameters(
+            event.event_id,
+            event.stamp_ns,
+            valid=False,
+            reason=str(error),
+            method=METHOD,
+            channel=_channel_name(event, settings),
+        )
+    span = values[vibration.start : vibration.stop]
+    frequency_term, damping_term = _amplitude_term(span, rate, vibration)
+    fit = vibration.fit
+    natural = _widened(fit.natural_frequency, frequency_term)
+    zeta = _widened(fit.damping_ratio, damping_term)
+    covariance = float(fit.covariance[0, 1])
+    reason = _doubt(event, row, span, vibration, natural, zeta, settings)
+    result = SensorParameters(
+        event.event_id,
+        event.stamp_ns,
+        valid=not reason,
+        reason=reason,
+        method=METHOD,
+        channel=event.channels[row].name,
+        span_start=(begin + vibration.start * step) / event.sample_rate,
+        span_end=(begin + (vibration.stop - 1) * step) / event.sample_rate,
+        natural_frequency=natural,
+        damped_frequency=_widened(fit.damped_frequency, frequency_term),
+        damping_ratio=zeta,
+        amplitude=fit.amplitude,
+        offset=fit.offset,
+        r_squared=fit.r_squared,
+        rmse=fit.rmse,
+    )
+    try:
+        spectrum = estimate_from_spectrum(span, rate)
+    except EstimationError:
+        pass
+    else:
+        result = dataclasses.replace(
+            result,
+            spectral_frequency=spectrum.frequency,
+            spectral_damping_ratio=spectrum.damping_ratio,
+        )
+    if reason:
+        return result
+    stiffness = _stiffness(event, settings)
+    return dataclasses.replace(
+        result,
+        bandwidth=bandwidth(natural, Estimate(max(zeta.value, 0.0), zeta.std), covariance),
+        stiffness=stiffness,
+        moving_mass=_moving_mass(stiffness, natural),
+        damping_constant=_damping_constant(stiffness, natural, zeta, covariance),
+    )
+
+
+def _channel_name(event: ImpactEvent, settings: FitterSettings) -> str:
+    if settings.channel or not event.channels:
+        return settings.channel
+    return event.channels[0].name
+
+
+def _force_row(event: ImpactEvent, settings: FitterSettings) -> int:
+    """The channel to fit; raises where the event as a whole cannot tell."""
+    row = event.index_of(settings.channel) if settings.channel else 0
+    if row is None or not event.channels:
+        raise _CannotTell(f'the event has no channel {settings.channel!r}')
+    if Quality.HELD in event.quality:
+        raise _CannotTell(
+            'the impactor stayed on the plate: they oscillate together, not the sensor alone'
+        )
+    if row == 0 and event.rest_level > settings.resting_force:
+        raise _CannotTell(
+            f'a force of {event.rest_level:.3g} N remains after the blow: the impactor rests on '
+            'the plate and oscillates with it'
+        )
+    return row
+
+
+def _free_part(
+    event: ImpactEvent, row: int, settings: FitterSettings
+) -> tuple[Array, float, int, int]:
+    """Samples after the last contact at the channel's own rate; rate, first index, stride."""
+    grid = event.sample_rate
+    if not (math.isfinite(grid) and grid > 0):
+        raise _CannotTell(f'the sample rate is {grid!r} Hz')
+    size = event.values.shape[1]
+    begin, end = 0, size
+    if event.contacts:
+        last = max(event.contact_end, max(contact.end for contact in event.contacts))
+        begin = math.ceil((last + settings.settle) * grid - 1e-6) if math.isfinite(last) else size
+    if Quality.OVERLAPPING in event.quality and math.isfinite(event.event_end):
+        end = min(end, math.floor(event.event_end * grid))  # the next blow follows
+    begin = max(begin, 0)
+    # Samples that were interpolated onto the grid tell nothing new and correlate the noise.
+    native = event.channels[row].native_rate
+    step = max(1, math.floor(grid / native + 1e-6)) if native > 0 else 1
+    values = np.array(event.values[row, begin:end:step], dtype=np.float64)
+    if values.size < model.FEWEST_SAMPLES:
+        raise _CannotTell(f'{values.size} samples follow the last contact; too few to fit')
+    if not np.isfinite(values).all():
+        missing = int(np.count_nonzero(~np.isfinite(values)))
+        raise _CannotTell(f'{missing} samples after the last contact are missing or not finite')
+    channel = event.channels[row]
+    if np.any(values <= channel.range_min) or np.any(values >= channel.range_max):
+        raise _CannotTell(
+            f'channel {channel.name!r} is clipped after the last contact '
+            f'(range {channel.range_min:g} to {channel.range_max:g} {channel.unit})'
+        )
+    return values, grid / step, begin, step
+
+
+def _amplitude_term(span: Array, rate: float, vibration: FreeVibration) -> tuple[float, float]:
+    """Standard uncertainties of frequency (Hz) and damping ratio for a plate that is not linear.
+
+    What varies along the decay is no noise: where it does so significantly, or where the span
+    failed its tests, the value may lie anywhere in the range that the windows show.
+    """
+    try:
+        local = amplitude_dependence(span, rate, fit=vibration.fit)
+    except EstimationError:
+        return 0.0, 0.0
+    if vibration.consistent and local.p_value > SIGNIFICANT_DEPENDENCE:
+        return 0.0, 0.0
+    fit = vibration.fit
+    return (
+        float(np.max(np.abs(local.frequency - fit.natural_frequency.value))) / math.sqrt(3.0),
+        float(np.max(np.abs(local.damping_ratio - fit.damping_ratio.value))) / math.sqrt(3.0),
+    )
+
+
+def _widened(estimate: Estimate, term: float) -> Estimate:
+    return Estimate(estimate.value, math.hypot(estimate.std, term))
+
+
+def _doubt(
+    event: ImpactEvent,
+    row: int,
+    span: Array,
+    vibration: FreeVibration,
+    natural: Estimate,
+    zeta: Estimate,
+    settings: FitterSettings,
+) -> str:
+    """Why the fit is not the sensor's; empty where it may be trusted."""
+    fit = vibration.fit
+    channel = event.channels[row]
+    snr = fit.amplitude.value / fit.rmse if fit.rmse > 0 else math.inf
+    second = _second_mode(span, fit)
+    if channel.unit != 'N':
+        return f'channel {channel.name!r} is in {channel.unit!r}, not a force in N'
+    if fit.periods < settings.fewest_periods:
+        return f'the span holds {fit.periods:.1f} periods; {settings.fewest_periods:g} are needed'
+    if snr < settings.least_snr:
+        return f'the oscillation is {snr:.1f} times the noise; {settings.least_snr:g} are needed'
+    if second is not None and second[1] > settings.largest_second_mode * fit.amplitude.value:
+        return (
+            f'several modes: beside {fit.damped_frequency.value:.4g} Hz there is one of '
+            f'{second[0]:.4g} Hz with {second[1] / fit.amplitude.value:.0%} of its amplitude'
+        )
+    if zeta.value < -3.0 * zeta.std:
+        return f'the oscillation grows (damping ratio {zeta.value:.3g}): it is driven, not free'
+    if not zeta.std <= settings.largest_std * max(abs(zeta.value), 1e-3):
+        cause = '' if vibration.consistent else ': the vibration is not that of a linear sensor'
+        return (
+            f'damping ratio {zeta.value:.3g} with a standard uncertainty of {zeta.std:.2g} '
+            f'tells too little{cause}'
+        )
+    if not natural.std <= 0.05 * natural.value:
+        return (
+            f'natural frequency {natural.value:.4g} Hz with a standard uncertainty of '
+            f'{natural.std:.2g} Hz tells too little'
+        )
+    return ''
+
+
+def _second_mode(span: Array, fit: model.FreeOscillationFit) -> tuple[float, float] | None:
+    """(frequency in Hz, amplitude) of a second oscillation in the residual, if there is one."""
+    if fit.white:
+        return None
+    try:
+        other = model.fit_free_oscillation(fit.residuals(span), fit.sample_rate)
+    except EstimationError:
+        return None
+    apart = abs(other.damped_frequency.value - fit.damped_frequency.value)
+    width = (fit.decay_rate.value + abs(other.decay_rate.value)) / model.TWO_PI
+    if apart < max(width, 2.0 * fit.sample_rate / fit.n_samples):
+        return None  # the first one's own misfit
+    if other.r_squared < LEAST_MODE_GAIN or other.significance > MODE_SIGNIFICANCE:
+        return None
+    return other.damped_frequency.value, other.amplitude.value
+
+
+def _stiffness(event: ImpactEvent, settings: FitterSettings) -> Estimate:
+    """As the test point states it, else as the settings do; NaN where neither does."""
+    stated = event.test_point.spring_stiffness
+    if math.isfinite(stated) and stated > 0:
+        return Estimate(stated, event.test_point.spring_stiffness_std)
+    return Estimate(settings.spring_stiffness, settings.spring_stiffness_std)
+
+
+def _moving_mass(stiffness: Estimate, natural: Estimate) -> Estimate:
+    """Mass k / wn²; the uncertainty is NaN where the stiffness's is not known."""
+    mass = stiffness.value / (model.TWO_PI * natural.value) ** 2
+    relative = math.hypot(stiffness.std / stiffness.value, 2.0 * natural.std / natural.value)
+    return Estimate(mass, mass * relative)
+
+
+def _damping_constant(
+    stiffness: Estimate, natural: Estimate, zeta: Estimate, covariance: float
+) -> Estimate:
+    """Damping constant 2 zeta k / wn."""
+    by_zeta = 2.0 * stiffness.value / (model.TWO_PI * natural.value)
+    value = by_zeta * zeta.value
+    variance = (
+        (value * stiffness.std / stiffness.value) ** 2
+        + (value * natural.std / natural.value) ** 2
+        + (by_zeta * zeta.std) ** 2
+        - 2.0 * by_zeta * value / natural.value * covariance
+    )
+    return Estimate(value, math.sqrt(max(variance, 0.0)) if variance == variance else math.nan)
