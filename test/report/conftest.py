@@ -87,7 +87,9 @@ def build_event(
     if held:
         contacts = (
             *contacts[:-1],
-            dataclasses.replace(contacts[-1], end=duration - 0.05, impulse=held * duration),
+            dataclasses.replace(
+                contacts[-1], end=duration - 0.05, peak_force=held, impulse=held * duration
+            ),
         )
         end = duration - 0.05
     stamp = START_NS + event_id * 10_000_000_000

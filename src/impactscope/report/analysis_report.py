@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
 from impactscope.measurement_profile import MeasurementProfile
-from impactscope.records import AnalysisResult, ComplianceVerdict, Verdict
+from impactscope.records import AnalysisResult, Channel, ComplianceVerdict, Verdict
 from impactscope.report.event_figures import transient_window_of
 from impactscope.report.event_report import (
     EventReport,
@@ -18,7 +19,7 @@ from impactscope.report.event_report import (
     report_event,
     test_point_rows,
 )
-from impactscope.report.numbers import format_number, format_stamp
+from impactscope.report.numbers import NOT_KNOWN, format_given, format_number, format_stamp
 from impactscope.report.page import render_page, write_page
 from impactscope.report.plain_text import flatten
 from impactscope.report.verdict_words import VerdictWords, quality_sentences, verdict_words
@@ -97,11 +98,17 @@ def _named_once(values: list[str]) -> str:
     return '; '.join(dict.fromkeys(value for value in values if value)) or 'not stated'
 
 
+def _range(channel: Channel) -> str:
+    if math.isnan(channel.range_min) and math.isnan(channel.range_max):
+        return NOT_KNOWN
+    return f'{format_given(channel.range_min)} to {format_given(channel.range_max)}'
+
+
 def _transient_window(result: AnalysisResult) -> float:
     """From the parameters; failing that from the default profile, where it was the one used."""
     window = transient_window_of(result.parameters)
     default = MeasurementProfile()
-    if window != window and all(
+    if math.isnan(window) and all(
         item.verdict.measurement_profile == default.label for item in result.events
     ):
         return default.transient_window
@@ -131,7 +138,7 @@ def render_report(result: AnalysisResult) -> str:
         reasons=_leading_reasons(result),
         counts=[(verdict_words(v), counts[v]) for v in WORST_FIRST if counts[v]],
         first_blow=format_stamp(first) if first is not None else 'none',
-        duration=f'{format_number(result.duration)} s',
+        duration=f'{format_number(result.duration)} s' if result.duration > 0 else NOT_KNOWN,
         limit_set=_named_once([v.limit_set for v in verdicts]),
         profile=_named_once([v.measurement_profile for v in verdicts]),
         decision_rule=_named_once([v.decision_rule for v in verdicts]),
@@ -141,7 +148,7 @@ def render_report(result: AnalysisResult) -> str:
             (
                 channel,
                 format_number(channel.native_rate) if channel.native_rate else 'not known',
-                f'{format_number(channel.range_min)} to {format_number(channel.range_max)}',
+                _range(channel),
                 quality_sentences(channel.quality),
             )
             for channel in result.channels

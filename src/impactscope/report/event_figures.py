@@ -53,9 +53,9 @@ def _phases(event: ImpactEvent, clock: EventClock, window: float) -> tuple[list[
         contact.append(before)
         if math.isfinite(window):
             turn = start + window * clock.factor
-            judged.append(Band(start, turn, 'transient', 'transient window'))
+            judged.append(Band(start, turn, 'transient', 'transient window', short='T'))
             if math.isfinite(end) and end > turn:
-                judged.append(Band(turn, end, 'quasi-static', 'quasi-static'))
+                judged.append(Band(turn, end, 'quasi-static', 'quasi-static', short='S'))
     several = len(event.contacts) > 1
     for number, span in enumerate(event.contacts, start=1):
         name = f'contact {number}' if several else 'contact'
@@ -119,10 +119,7 @@ def _dots(
 def _decimation_note(count: int, points: int) -> tuple[str, ...]:
     if count <= points:
         return ()
-    return (
-        f'{count} samples drawn as the smallest and largest of each of {points // 2} stretches: '
-        'every peak is kept.',
-    )
+    return (f'{count} samples drawn as {points} points; every peak is kept.',)
 
 
 def _force_figure(
@@ -136,7 +133,9 @@ def _force_figure(
     is_force = channel.unit == 'N'
     lines, guard = _limits(result, clock, window) if limits and is_force else ([], [])
     inside = np.isfinite(values) & (time >= start) & (time <= end)
-    peak = f'{format_number(float(values[inside].max()))} ' if inside.any() else 'no finite '
+    largest = 'no finite sample'
+    if inside.any():
+        largest = f'largest value {format_number(float(values[inside].max()))} {channel.unit}'
     caption = ['Time counts from first contact.']
     if not math.isfinite(event.zero_level[0] if event.zero_level else math.nan):
         caption.append('Zero level not known: values as recorded.')
@@ -146,11 +145,13 @@ def _force_figure(
         caption.append('The length of the transient window is not stated with this result.')
     if math.isfinite(event.contact_end) and any(x.style == 'quasi-static-limit' for x in lines):
         caption.append('The quasi-static limit holds while contact lasts.')
+    if not inside.any():
+        caption.append('No finite samples here.')
     count = int(np.count_nonzero((time >= start) & (time <= end)))
     dots = _dots(event, clock, time, values)
     return Figure(
         title=title,
-        description=f'{channel.name} over time, largest value {peak}{channel.unit}, '
+        description=f'{channel.name} over time, {largest}, '
         f'{len(event.contacts)} contact(s). The tables of this event give the same values.',
         x_label='Time after first contact',
         x_unit=clock.unit,

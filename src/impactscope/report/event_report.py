@@ -114,9 +114,9 @@ def force_rows(verdict: ComplianceVerdict) -> tuple[ForceRow, ...]:
             ForceRow(
                 name,
                 symbol,
-                value if known else 'none',
+                value if known else 'none' if symbol == 'S' else NOT_KNOWN,
                 uncertainty,
-                format_given(limit) if math.isfinite(limit) else 'none applies',
+                format_given(limit) if math.isfinite(limit) else 'none',
                 share,
                 known,
             )

@@ -24,7 +24,7 @@ __all__ = ['Band', 'Dot', 'Figure', 'Lane', 'LimitLine', 'Rule', 'Series', 'draw
 
 FloatArray = NDArray[np.float64]
 
-WIDTH, LEFT, RIGHT = 1000, 66, 116
+WIDTH, LEFT, RIGHT = 1000, 66, 128
 PLOT_WIDTH = WIDTH - LEFT - RIGHT
 LANE_HEIGHT, LANE_GAP, TOP, BOTTOM = 17, 3, 8, 42
 COLUMNS = 40_000  # whole-number steps of the time axis: fine enough to zoom

@@ -46,7 +46,7 @@ def flatten(parameters: Mapping[str, Any], prefix: str = '') -> list[tuple[str, 
         elif isinstance(value, bool):
             rows.append((full, 'yes' if value else 'no'))
         elif isinstance(value, float):
-            rows.append((full, f'{value:.10g}'))
+            rows.append((full, 'not set' if value != value else f'{value:.10g}'))
         else:
-            rows.append((full, 'none' if value is None else str(value)))
+            rows.append((full, 'none' if value is None else str(value) or 'empty'))
     return rows

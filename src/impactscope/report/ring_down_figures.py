@@ -16,6 +16,7 @@ __all__ = ['ring_down_figures']
 
 CURVE_POINTS = 1600
 SPECTRUM_POINTS = 900
+UNFITTED_HIGHEST = 500.0  # Hz: where no frequency is known, devices of this kind lie well below
 
 
 def _fit_figures(
@@ -83,7 +84,7 @@ def _spectrum_figure(sensor: SensorParameters, ring_down: RingDown) -> Figure | 
     fitted = sensor.damped_frequency.value if sensor.valid else math.nan
     peak = sensor.spectral_frequency.value
     nyquist = float(spectrum.frequency[-1])
-    upper = min(nyquist, 6.0 * first_finite(fitted, peak, nyquist / 6.0))
+    upper = min(nyquist, 6.0 * first_finite(fitted, peak, UNFITTED_HIGHEST / 6.0))
     if upper <= 0:
         return None
     rules: tuple[Rule, ...] = ()
@@ -98,7 +99,9 @@ def _spectrum_figure(sensor: SensorParameters, ring_down: RingDown) -> Figure | 
         dots = (Dot(peak, height, dot_name),)
     shown = spectrum.frequency <= upper
     return Figure(
-        title='Amplitude spectrum of the free oscillation',
+        title='Amplitude spectrum of the free oscillation'
+        if sensor.valid
+        else 'Amplitude spectrum after the last contact',
         description='Amplitude over frequency with the fitted frequency marked: '
         + ('; '.join([*(r.name for r in rules), *(d.name for d in dots)]) or 'no peak was fitted')
         + '.',
