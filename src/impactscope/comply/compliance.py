@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from impactscope.comply.judge import judge
 from impactscope.comply.limits import LimitSet
+from impactscope.comply.resting_load import RestingLoad
 from impactscope.comply.rules import JudgementRules
 from impactscope.comply.severity import worst
 from impactscope.comply.test_points import judge_test_point
@@ -57,6 +58,7 @@ class Compliance:
         self.profile = profile
         self.rules = rules or JudgementRules()
         self._records: dict[_Key, _Record] = {}
+        self._load = RestingLoad(profile.contact_end_force)
 
     def take_test_point(self, test_point: TestPoint) -> list[ComplianceVerdict]:
         """Note that a test point began or ended; where it ended, return its verdict.
@@ -91,6 +93,7 @@ class Compliance:
             test_point=point,
             sensor=sensor,
             impact=impact,
+            resting_load=self._load.before(record, self.rules.force_channel),
         )
         if not _is_stated(point):
             return [verdict]
@@ -109,6 +112,7 @@ class Compliance:
             if not record.reported
         ]
         self._records.clear()
+        self._load = RestingLoad(self.profile.contact_end_force)
         return verdicts
 
     def _open_at(self, stamp_ns: int) -> TestPoint | None:

@@ -131,7 +131,7 @@ def read_force(event: ImpactEvent, channel: str = 'force') -> ForceReading:
             f'event {event.event_id} has the sample rate {event.sample_rate} Hz '
             f'and the oversampling {event.oversampling}'
         )
-    end = values.shape[1] / event.sample_rate
+    end = (values.shape[1] + 0.5) / event.sample_rate  # times are rounded
     if not 0 <= event.contact_start <= event.contact_end <= end:  # false for NaN, too
         raise InputError(
             f'event {event.event_id} has contact from {event.contact_start} s to '

@@ -51,6 +51,7 @@ def judge(
     test_point: TestPoint | None = None,
     sensor: SensorParameters | None = None,
     impact: ImpactParameters | None = None,
+    resting_load: float = 0.0,
 ) -> ComplianceVerdict:
     """Judge one blow against the limits of the body region of its test point.
 
@@ -62,6 +63,9 @@ def judge(
         test_point: what was tested; None takes the event's own.
         sensor: what is known of the sensor; it adds a statement, never changes the verdict.
         impact: the reconstructed contact force; a diagnostic, never changes the verdict.
+        resting_load: N that lay on the device before the blow and became part of its zero
+            level, so that the reading is too low by as much; above the profile's
+            ``contact_end_force`` it is a fault.
 
     A contact that is not permitted is a FAIL. A force that is above a limit beyond doubt is a
     FAIL, however unsound the recording; otherwise an unsound recording is INVALID, and a blow
@@ -73,6 +77,11 @@ def judge(
     notes: list[str] = []
 
     evaluation, faults, flags = _read(event, profile, rules)
+    if resting_load > profile.contact_end_force:
+        faults += (
+            f'A load of {newtons(resting_load)} rested on the device before the blow and went '
+            'into its zero level: the force reads too low.',
+        )
     decisions: list[PhaseDecision] = []
     if evaluation is not None and region is not None:
         decisions = _decisions(evaluation, region, profile, certain_only=bool(faults))
