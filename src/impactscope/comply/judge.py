@@ -11,7 +11,8 @@ import math
 from typing import NamedTuple
 
 from impactscope.comply.decision import PhaseDecision, decide, newtons, rule_in_words
-from impactscope.comply.evaluation import ForceEvaluation, evaluate, read_force
+from impactscope.comply.evaluation import ForceEvaluation, ForceReading, evaluate, read_force
+from impactscope.comply.filtered_peak import filtered_peak_statement
 from impactscope.comply.limits import LimitSet, RegionLimits
 from impactscope.comply.rules import STATEMENTS, JudgementRules, unstated
 from impactscope.comply.severity import severity, worst
@@ -40,6 +41,15 @@ _NO_RULES = JudgementRules()
 class _Finding(NamedTuple):
     verdict: Verdict
     sentence: str
+
+
+class _Blow(NamedTuple):
+    """What was read of a blow; without reading and evaluation where there is no force."""
+
+    faults: tuple[str, ...]
+    flags: Quality  # of the force channel
+    reading: ForceReading | None = None
+    evaluation: ForceEvaluation | None = None
 
 
 def judge(
@@ -76,7 +86,7 @@ def judge(
     region, findings = _region_findings(point, limits)
     notes: list[str] = []
 
-    evaluation, faults, flags = _read(event, profile, rules)
+    faults, flags, reading, evaluation = _read(event, profile, rules)
     if resting_load > profile.contact_end_force:
         faults += (
             f'A load of {newtons(resting_load)} rested on the device before the blow and went '
@@ -104,6 +114,8 @@ def judge(
     if evaluation is not None:
         notes += _notes(evaluation, point, profile, flags, impact)
         notes += validity_statement(event, sensor)
+    if reading is not None and evaluation is not None:
+        notes += filtered_peak_statement(reading, evaluation, event.contact_start)
     notes += _unstated_note(point)
 
     findings.sort(key=lambda item: severity(item.verdict), reverse=True)  # stable
@@ -149,10 +161,7 @@ def _region_findings(
     return region, [_Finding(Verdict.INCOMPLETE, sentence) for sentence in missing]
 
 
-def _read(
-    event: ImpactEvent, profile: MeasurementProfile, rules: JudgementRules
-) -> tuple[ForceEvaluation | None, tuple[str, ...], Quality]:
-    """Evaluation (None where there is no force to read), faults, flags of the force channel."""
+def _read(event: ImpactEvent, profile: MeasurementProfile, rules: JudgementRules) -> _Blow:
     row = event.index_of(rules.force_channel)
     if row is None:
         has = ', '.join(channel.name[:40] for channel in event.channels) or 'none'
@@ -160,18 +169,19 @@ def _read(
             'Not a PFL measuring device: the recording has no contact force channel '
             f'{rules.force_channel!r} (it has {has}).'
         )
-        return None, (fault,), Quality(event.quality)
+        return _Blow((fault,), Quality(event.quality))
     flags = channel_flags(event, row)
     unit = event.channels[row].unit
     if unit != 'N':
         fault = f'The force channel {rules.force_channel!r} is in {unit[:40]!r}; N is needed.'
-        return None, (fault,), flags
+        return _Blow((fault,), flags)
     try:
         reading = read_force(event, rules.force_channel)
     except InputError as error:
-        return None, (f'The blow cannot be read: {error}.',), flags
+        return _Blow((f'The blow cannot be read: {error}.',), flags)
     evaluation = evaluate(event, reading, profile)
-    return evaluation, find_faults(event, reading, evaluation, profile, rules), flags
+    faults = find_faults(event, reading, evaluation, profile, rules)
+    return _Blow(faults, flags, reading, evaluation)
 
 
 def _decisions(
