@@ -1,0 +1,1 @@
+"""Physical effects, one a file."""

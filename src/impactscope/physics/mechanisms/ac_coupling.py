@@ -1,0 +1,32 @@
+"""A first-order high-pass in one channel."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import signal
+
+from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem, Values
+
+__all__ = ['MECHANISM']
+
+
+def _distort(samples: Array, sample_rate: float, values: Values) -> Array:
+    corner = values['corner']
+    if corner == 0:
+        return samples
+    b, a = signal.butter(1, corner, btype='high', fs=sample_rate)
+    start = signal.lfilter_zi(b, a) * samples[0]
+    return np.asarray(signal.lfilter(b, a, samples, zi=start)[0])
+
+
+MECHANISM = Mechanism(
+    name='ac_coupling',
+    subsystem=Subsystem.MEASUREMENT,
+    sentence='The channel is AC coupled: slow signals fade.',
+    equation='first-order high-pass at the corner frequency',
+    parameters=(Parameter('corner', 'Hz', 0.0, 1e3, (0.1, 1.0, 5.0), absent=0.0),),
+    source='piezoelectric sensors and IEPE inputs',
+    test='a load that stays: the reading returns to zero',
+    distort=_distort,
+    kin=('zero_drift',),
+)

@@ -1,0 +1,430 @@
+"""One integrator for everything: an embedded Runge-Kutta pair with located events, compiled.
+
+Dormand and Prince's pair of order 5(4) with its dense output of order 4 steps through each mode
+of the bench. A step that would leave the mode ends where its guard crosses zero: found on the
+dense output, then stepped to anew with the full method, so that an event is as accurate as any
+other state. Corners of the drives are stepped to, never across.
+
+Sources: Dormand and Prince, J. Comput. Appl. Math. 6 (1980); Shampine, Math. Comp. 46 (1986) for
+the dense output; Hairer, Norsett and Wanner, Solving ODEs I, II.4 to II.6.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.physics.mechanisms.compiled import compiled
+from impactscope.physics.twin import layout as at
+from impactscope.physics.twin.equations import (
+    UNTRACKED,
+    derivative,
+    energy,
+    free_compression,
+    guard,
+    spring_force,
+    spring_region,
+    stick_force,
+)
+
+__all__ = ['TOO_MANY_EVENTS', 'TOO_MANY_STEPS', 'integrate']
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+TOO_MANY_STEPS: Final = -1
+TOO_MANY_EVENTS: Final = -2
+
+_NODES = np.array([0.0, 0.2, 0.3, 0.8, 8 / 9, 1.0, 1.0])
+_STAGES = np.array([
+    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0],
+    [44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0],
+    [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0],
+    [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0],
+    [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+])  # fmt: skip
+_ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+_DENSE = np.array([
+    [1.0, -8048581381 / 2820520608, 8663915743 / 2820520608, -12715105075 / 11282082432],
+    [0.0, 0.0, 0.0, 0.0],
+    [0.0, 131558114200 / 32700410799, -68118460800 / 10900136933, 87487479700 / 32700410799],
+    [0.0, -1754552775 / 470086768, 14199869525 / 1410260304, -10690763975 / 1880347072],
+    [0.0, 127303824393 / 49829197408, -318862633887 / 49829197408, 701980252875 / 199316789632],
+    [0.0, -282668133 / 205662961, 2019193451 / 616988883, -1453857185 / 822651844],
+    [0.0, 40617522 / 29380423, -110615467 / 29380423, 69997945 / 29380423],
+])  # fmt: skip
+
+_LEAST_SPEED = 1e-12  # m/s; below this a sliding plate counts as not having turned
+_SHORTEST = 1e-11  # s
+
+
+@compiled
+def _step(
+    par: Array, t: float, h: float, y: Array, contact: int, guide: int, k: Array, y_new: Array
+) -> None:
+    """One step from ``y`` (its rate in ``k[0]``) to ``y_new``; fills the stages ``k``."""
+    n = len(y)
+    for stage in range(1, 7):
+        for i in range(n):
+            total = 0.0
+            for j in range(stage):
+                total += _STAGES[stage, j] * k[j, i]
+            y_new[i] = y[i] + h * total
+        derivative(par, t + _NODES[stage] * h, y_new, contact, guide, k[stage])
+
+
+@compiled
+def _error(h: float, y: Array, y_new: Array, k: Array, tolerance: float) -> float:
+    """Largest local error over what is tolerated; energies are not judged."""
+    worst = 0.0
+    for i in range(len(y)):
+        if i in (at.LOST, at.WORK):
+            continue
+        fine = 0.05 if i in (at.V, at.VP, at.VQ, at.VB) else 2e-4  # m/s and m that matter
+        total = 0.0
+        for j in range(7):
+            total += _ERROR[j] * k[j, i]
+        scale = tolerance * (fine + max(abs(y[i]), abs(y_new[i])))
+        worst = max(worst, abs(h * total) / scale)
+    return worst
+
+
+@compiled
+def _prepare_dense(k: Array, dense: Array) -> None:
+    for i in range(k.shape[1]):
+        for power in range(4):
+            total = 0.0
+            for j in range(7):
+                total += k[j, i] * _DENSE[j, power]
+            dense[i, power] = total
+
+
+@compiled
+def _dense_state(y: Array, h: float, dense: Array, share: float, out: Array) -> None:
+    """State at ``share`` of the step, on the dense output."""
+    for i in range(len(y)):
+        d = dense[i]
+        out[i] = y[i] + h * share * (d[0] + share * (d[1] + share * (d[2] + share * d[3])))
+
+
+@compiled
+def _dips(start: float, start_rate: float, end: float, end_rate: float, h: float) -> float:
+    """Share of the step at which a cubic through both ends dips below zero; 0 if it does not."""
+    if start_rate >= 0.0 or end_rate <= 0.0:
+        return 0.0
+    a, b = start_rate * h, end_rate * h
+    # derivative of the Hermite cubic: c0 + c1 s + c2 s^2
+    c1 = -4.0 * a - 2.0 * b + 6.0 * (end - start)
+    c2 = 3.0 * a + 3.0 * b - 6.0 * (end - start)
+    if abs(c2) < 1e-300:
+        share = -a / c1
+    else:
+        root = c1 * c1 - 4.0 * c2 * a
+        if root < 0.0:
+            return 0.0
+        share = (-c1 + math.sqrt(root)) / (2.0 * c2)
+    if not 0.0 < share < 1.0:
+        return 0.0
+    s2, s3 = share * share, share**3
+    value = (
+        start * (1.0 - 3.0 * s2 + 2.0 * s3)
+        + a * (share - 2.0 * s2 + s3)
+        + end * (3.0 * s2 - 2.0 * s3)
+        + b * (s3 - s2)
+    )
+    return share if value < 0.0 else 0.0
+
+
+@compiled
+def _crossing(
+    par: Array,
+    t: float,
+    h: float,
+    y: Array,
+    dense: Array,
+    modes: tuple[int, int, int],
+    which: int,
+    last: float,
+    work: Array,
+) -> float:
+    """Share of the step, up to ``last``, at which a guard crosses zero (Illinois method)."""
+    contact, guide, region = modes
+    low, high = 0.0, last
+    _dense_state(y, h, dense, low, work)
+    f_low = max(guard(par, work, t, contact, guide, region)[which], 0.0)
+    _dense_state(y, h, dense, high, work)
+    f_high = guard(par, work, t + high * h, contact, guide, region)[which]
+    side = 0
+    share = high
+    for _ in range(60):
+        share = high - f_high * (high - low) / (f_high - f_low) if f_high != f_low else high
+        _dense_state(y, h, dense, share, work)
+        value = guard(par, work, t + share * h, contact, guide, region)[which]
+        if value == 0.0 or (high - low) * h < 1e-14:
+            break
+        if value < 0.0:
+            high, f_high = share, value
+            if side == -1:
+                f_low *= 0.5
+            side = -1
+        else:
+            low, f_low = share, value
+            if side == 1:
+                f_high *= 0.5
+            side = 1
+    return share
+
+
+@compiled
+def _write(
+    par: Array, t: float, y: Array, contact: int, guide: int, dy: Array, row: Array
+) -> None:
+    """One row of the output from one state."""
+    pushed, friction = derivative(par, t, y, contact, guide, dy)
+    compression = y[at.X] - y[at.B]
+    if par[at.READS_DISPLACEMENT] > 0.0:
+        row[at.READING] = par[at.STIFFNESS] * compression
+    else:
+        row[at.READING] = spring_force(par, compression, y[at.H])
+    row[at.PLATE_ACCELERATION] = dy[at.V]
+    row[at.IMPACTOR_ACCELERATION] = dy[at.VP]
+    row[at.BASE_ACCELERATION] = dy[at.VB]
+    row[at.CONTACT_FORCE] = pushed
+    row[at.FRICTION_FORCE] = friction
+    row[at.PLATE_POSITION] = y[at.X]
+    row[at.PLATE_VELOCITY] = y[at.V]
+    row[at.IMPACTOR_POSITION] = y[at.P]
+    row[at.IMPACTOR_VELOCITY] = y[at.VP]
+    row[at.BASE_POSITION] = y[at.B]
+    row[at.LAYER_COMPRESSION] = 0.0
+    if par[at.HAS_LAYER] > 0.0:
+        free = contact != at.CLOSED
+        row[at.LAYER_COMPRESSION] = free_compression(par, y) if free else y[at.P] - y[at.X]
+    row[at.ENERGY] = energy(par, y, contact)
+    row[at.LOST_ENERGY] = y[at.LOST]
+    row[at.DONE_WORK] = y[at.WORK]
+
+
+@compiled
+def _guide_after(par: Array, t: float, y: Array, contact: int, tracked: bool) -> int:
+    """Guide's mode for a state: stuck, or the direction in which the plate slides."""
+    if not tracked:
+        return UNTRACKED
+    speed = y[at.V] - y[at.VB]
+    if speed > _LEAST_SPEED:
+        return 1
+    if speed < -_LEAST_SPEED:
+        return -1
+    needed = stick_force(par, y, t, contact)
+    if needed < -par[at.STATIC_FORWARD]:
+        return 1
+    if needed > par[at.STATIC_BACKWARD]:
+        return -1
+    return 0
+
+
+@compiled
+def _slip_direction(par: Array, y: Array, t: float, contact: int) -> int:
+    """Way in which a stuck plate gives, from a state in which sticking asks for too much."""
+    needed = stick_force(par, y, t, contact)
+    forward, backward = par[at.STATIC_FORWARD] + needed, par[at.STATIC_BACKWARD] - needed
+    return 1 if forward < backward else -1
+
+
+@compiled
+def _touch(par: Array, y: Array) -> None:
+    """First touch: a struck medium, at rest until now, takes its share of the momentum."""
+    added = par[at.ADDED_MASS]
+    if added > 0.0:
+        mass, speed = par[at.IMPACTOR_MASS], y[at.VP]
+        y[at.VP] = mass * speed / (mass + added)
+        y[at.LOST] += 0.5 * mass * speed * (speed - y[at.VP])
+
+
+@compiled
+def _catch(par: Array, y: Array) -> None:
+    """The impactor is held: its kinetic energy, and what its arm stores, are gone."""
+    y[at.LOST] += 0.5 * par[at.IMPACTOR_MASS] * y[at.VP] ** 2
+    y[at.VP] = 0.0
+    if par[at.SECOND_MASS] > 0.0:
+        y[at.LOST] += 0.5 * par[at.SECOND_MASS] * y[at.VQ] ** 2
+        y[at.VQ] = 0.0
+
+
+@compiled
+def integrate(
+    par: Array,
+    y: Array,
+    contact: int,
+    corners: Array,
+    times: Array,
+    tolerance: float,
+    longest_step: float,
+    rows: Array,
+    event_times: Array,
+    event_kinds: IntArray,
+) -> tuple[int, int]:
+    """Integrate from time 0 and fill ``rows`` at ``times`` (rising, the first at least 0).
+
+    ``y`` is the state at time 0 and is changed; ``corners`` are rising times at which a drive
+    has a corner; ``rows`` has shape (len(times), N_COLUMNS). Returns the number of events,
+    or TOO_MANY_STEPS or TOO_MANY_EVENTS, and the number of steps.
+    """
+    n = len(y)
+    k = np.zeros((7, n))
+    dense = np.zeros((n, 4))
+    y_new = np.zeros(n)
+    work = np.zeros(n)
+    rate = np.zeros(n)
+    tracked = (
+        par[at.STATIC_FORWARD] > 0.0
+        or par[at.STATIC_BACKWARD] > 0.0
+        or par[at.HYSTERESIS_SHARE] > 0.0
+    )
+    if contact == at.CLOSED:
+        _touch(par, y)
+    guide = _guide_after(par, 0.0, y, contact, tracked)
+    region = spring_region(par, y[at.X] - y[at.B])
+
+    t = 0.0
+    end = times[-1]
+    next_row = 0
+    next_corner = 0
+    n_events = 0
+    n_steps = 0
+    h = 1e-4
+    fresh = True  # the rate in k[0] is not that of y
+    while next_row < len(times) and times[next_row] <= t:
+        _write(par, t, y, contact, guide, rate, rows[next_row])
+        next_row += 1
+    while next_row < len(times):
+        n_steps += 1
+        if n_steps > 20_000_000:
+            return TOO_MANY_STEPS, n_steps
+        while next_corner < len(corners) and corners[next_corner] <= t + _SHORTEST:
+            next_corner += 1
+            fresh = True
+        limit = min(corners[next_corner], end) if next_corner < len(corners) else end
+        h = min(h, longest_step)
+        wanted = h
+        to_limit = t + h * 1.0000001 >= limit
+        if to_limit:
+            h = limit - t
+        if fresh:
+            derivative(par, t, y, contact, guide, k[0])
+            fresh = False
+        _step(par, t, h, y, contact, guide, k, y_new)
+        error = _error(h, y, y_new, k, tolerance)
+        if not error <= 1.0 and h > _SHORTEST:  # also where it is not a number
+            h *= max(0.1, 0.9 * error**-0.2) if error < 1e30 else 0.1
+            continue
+
+        # --- does the step leave the mode? -------------------------------------------------
+        g0 = guard(par, y, t, contact, guide, region)
+        g1 = guard(par, y_new, t + h, contact, guide, region)
+        share, which, slips_to = 2.0, -1, 0
+        dense_ready = False
+        for i in range(3):
+            slack = _LEAST_SPEED if i == 1 and guide != 0 else 0.0
+            last = 1.0 if g1[i] < -slack else 0.0
+            if last == 0.0 and i == 0 and contact == at.OPEN and g0[0] > 0.0:
+                last = _dips(g0[0], y[at.V] - y[at.VP], g1[0], y_new[at.V] - y_new[at.VP], h)
+            elif last == 0.0 and i == 1 and guide in (-1, 1) and g0[1] > 0.0:
+                last = _dips(
+                    g0[1],
+                    guide * (k[0, at.V] - k[0, at.VB]),
+                    g1[1],
+                    guide * (k[6, at.V] - k[6, at.VB]),
+                    h,
+                )
+            if last > 0.0:
+                if not dense_ready:
+                    _prepare_dense(k, dense)
+                    dense_ready = True
+                if last < 1.0:
+                    _dense_state(y, h, dense, last, work)
+                    if guard(par, work, t + last * h, contact, guide, region)[i] >= 0.0:
+                        continue
+                found = _crossing(par, t, h, y, dense, (contact, guide, region), i, last, work)
+                if found < share:
+                    share, which = found, i
+                    if i == 1 and guide == 0:
+                        slips_to = _slip_direction(par, y_new, t + h, contact)
+        if not dense_ready and times[next_row] <= t + 1.001 * h:
+            _prepare_dense(k, dense)
+            dense_ready = True
+        reached = h if which < 0 else max(share * h, 0.0)
+        t_reached = limit if which < 0 and to_limit else t + reached
+        while next_row < len(times) and times[next_row] <= t_reached:
+            _dense_state(y, h, dense, (times[next_row] - t) / h, work)
+            _write(par, times[next_row], work, contact, guide, rate, rows[next_row])
+            next_row += 1
+
+        if which < 0:
+            t = t_reached
+            for i in range(n):
+                y[i] = y_new[i]
+                k[0, i] = k[6, i]
+            h *= min(5.0, 0.9 * max(error, 1e-10) ** -0.2)
+            if to_limit:
+                h = max(h, wanted)
+            if contact == at.OPEN and t >= par[at.CATCH_TIME]:
+                _catch(par, y)
+                contact = at.GONE
+                fresh = True
+            continue
+
+        # --- an event: step to it with the full method, then change the mode ----------------
+        if n_events == len(event_times):
+            return TOO_MANY_EVENTS, n_steps
+        if reached > 0.0:
+            _step(par, t, reached, y, contact, guide, k, y_new)
+            for i in range(n):
+                y[i] = y_new[i]
+            t = t_reached
+        fresh = True
+        h = min(wanted, 1e-4)
+        if which == 0:
+            if contact == at.OPEN:
+                contact = at.CLOSED
+                _touch(par, y)
+                kind = at.CONTACT_BEGINS
+            else:
+                contact = at.OPEN
+                kind = at.CONTACT_ENDS
+                y[at.LOST] += 0.5 * par[at.ADDED_MASS] * y[at.VP] ** 2
+                if t >= par[at.CATCH_TIME]:
+                    _catch(par, y)
+                    contact = at.GONE
+        elif which == 1:
+            if guide == 0:
+                guide = slips_to
+                kind = at.SLIPS
+            else:
+                y[at.V] = y[at.VB]
+                needed = stick_force(par, y, t, contact)
+                kind = at.REVERSES
+                if needed < -par[at.STATIC_FORWARD]:
+                    guide = 1
+                elif needed > par[at.STATIC_BACKWARD]:
+                    guide = -1
+                else:
+                    guide = 0
+                    kind = at.STICKS
+        else:
+            kind = at.SPRING_REGION
+            speed = y[at.V] - y[at.VB]
+            compression = y[at.X] - y[at.B]
+            region = spring_region(par, compression + math.copysign(1e-12, speed))
+        event_times[n_events] = t
+        event_kinds[n_events] = kind
+        n_events += 1
+        if which != 1 and guide == 0:
+            # a force that jumps with the mode may set a stuck plate moving
+            guide = _guide_after(par, t, y, contact, tracked)
+    return n_events, n_steps

@@ -1,0 +1,262 @@
+"""Simulate one blow: what each channel would read without noise, and the truth behind it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.errors import ConfigurationError, ImpactscopeError
+from impactscope.physics.twin import layout as at
+from impactscope.physics.twin.assembly import (
+    Effect,
+    Effects,
+    assemble,
+    corners,
+    normalise,
+    start,
+)
+from impactscope.physics.twin.bench import Bench, Blow
+from impactscope.physics.twin.integrator import integrate
+
+__all__ = [
+    'CHANNELS',
+    'ContactSpan',
+    'Event',
+    'Simulation',
+    'SimulationError',
+    'simulate',
+    'simulate_at',
+    'solve',
+]
+
+Array = NDArray[np.float64]
+
+CHANNELS = {
+    'force': ('N', at.READING),
+    'acceleration.plate': ('m/s^2', at.PLATE_ACCELERATION),
+    'acceleration.impactor': ('m/s^2', at.IMPACTOR_ACCELERATION),
+    'acceleration.base': ('m/s^2', at.BASE_ACCELERATION),
+}
+"""Channel name to unit and output column."""
+
+DEFAULT_TOLERANCE = 1e-7
+LONGEST_STEP = 5e-3  # s
+MAX_EVENTS = 100_000
+
+_EVENT_NAMES = {
+    at.CONTACT_BEGINS: 'contact_begins',
+    at.CONTACT_ENDS: 'contact_ends',
+    at.STICKS: 'sticks',
+    at.SLIPS: 'slips',
+    at.REVERSES: 'reverses',
+    at.SPRING_REGION: 'spring_region',
+}
+
+
+class SimulationError(ImpactscopeError):
+    """The equations could not be integrated with these parameters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened at ``time`` s: see ``kind``."""
+
+    time: float
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class ContactSpan:
+    """One true span of contact, s; the force above zero in between, N."""
+
+    start: float
+    end: float  # inf: still in contact when the simulation ends
+    peak_force: float  # N, true contact force, at the output's samples
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulation:
+    """One simulated blow. Times in s from the first sample; arrays of shape (n_samples,).
+
+    ``rows`` holds all outputs, shape (n_samples, N_COLUMNS), columns as in :mod:`.layout`.
+    """
+
+    time: Array
+    rows: Array
+    contact_time: float  # s, of first contact or of the hammer's touch
+    events: tuple[Event, ...]
+    effects: tuple[Effect, ...]
+    parameters: Array
+    steps: int
+
+    def __getitem__(self, channel: str) -> Array:
+        """Values of one channel, shape (n_samples,); raises KeyError where there is none."""
+        return self.rows[:, CHANNELS[channel][1]]
+
+    @property
+    def channels(self) -> dict[str, Array]:
+        """All channels by name."""
+        return {name: self[name] for name in CHANNELS}
+
+    @property
+    def contact_force(self) -> Array:
+        """True force between impactor and plate, N; without the hammer's of a tap."""
+        return self.rows[:, at.CONTACT_FORCE]
+
+    @property
+    def energy(self) -> Array:
+        """Kinetic and stored energy, J, from first contact on."""
+        return self.rows[:, at.ENERGY]
+
+    @property
+    def energy_balance(self) -> Array:
+        """Energy plus losses minus work done, J: constant from first contact on."""
+        rows = self.rows
+        return rows[:, at.ENERGY] + rows[:, at.LOST_ENERGY] - rows[:, at.DONE_WORK]
+
+    @property
+    def contacts(self) -> tuple[ContactSpan, ...]:
+        """True spans of contact between impactor and plate."""
+        if self.parameters[at.IMPACTOR_MASS] == 0:
+            return ()
+        starts = [self.contact_time]
+        ends: list[float] = []
+        for event in self.events:
+            if event.kind == 'contact_begins':
+                starts.append(event.time)
+            elif event.kind == 'contact_ends':
+                ends.append(event.time)
+        ends += [math.inf] * (len(starts) - len(ends))
+        spans = []
+        for begin, end in zip(starts, ends, strict=True):
+            inside = (self.time >= begin) & (self.time <= end)
+            peak = float(np.max(self.contact_force[inside], initial=0.0))
+            spans.append(ContactSpan(begin, end, peak))
+        return tuple(spans)
+
+
+def solve(
+    par: Array, times: Array, tolerance: float = DEFAULT_TOLERANCE
+) -> tuple[Array, Array, NDArray[np.int64], int]:
+    """Run the compiled twin on a parameter vector; the inner call of every fit.
+
+    ``times``: rising, s from first contact; before it everything rests and the impactor
+    approaches. Returns rows of shape (n_times, N_COLUMNS), event times and kinds, and the number
+    of steps. Raises SimulationError where the integration does not get through.
+    """
+    state, contact = start(par)
+    rows = np.zeros((len(times), at.N_COLUMNS))
+    before = int(np.searchsorted(times, 0.0))
+    if par[at.IMPACTOR_MASS] > 0:
+        _approach(par, times[:before], rows[:before])
+    event_times = np.empty(MAX_EVENTS)
+    event_kinds = np.empty(MAX_EVENTS, dtype=np.int64)
+    if before == len(times):
+        return rows, event_times[:0], event_kinds[:0], 0
+    found, steps = integrate(
+        par,
+        state,
+        contact,
+        corners(par),
+        times[before:],
+        tolerance,
+        LONGEST_STEP,
+        rows[before:],
+        event_times,
+        event_kinds,
+    )
+    if found < 0:
+        what = 'steps' if found == -1 else 'events'
+        raise SimulationError(
+            f'the simulation needs more {what} than allowed: {steps} steps taken'
+        )
+    if not np.isfinite(rows[-1]).all():
+        raise SimulationError('the simulation does not stay finite with these parameters')
+    return rows, event_times[:found].copy(), event_kinds[:found].copy(), steps
+
+
+def _approach(par: Array, times: Array, rows: Array) -> None:
+    """The approach before first contact: released at rest where a weight draws it on."""
+    mass = par[at.IMPACTOR_MASS] + par[at.SECOND_MASS]
+    speed = par[at.IMPACT_SPEED]
+    position, velocity, acceleration = speed * times, np.full(times.size, speed), 0.0 * times
+    if par[at.RESTORING] > 0 and par[at.LOAD] == 0:
+        omega = math.sqrt(par[at.RESTORING] / mass)
+        phase = np.maximum(omega * times, -0.5 * math.pi)  # held until then
+        position = speed / omega * np.sin(phase)
+        velocity = speed * np.cos(phase)
+        acceleration = np.where(omega * times > phase - 1e-12, -omega * speed * np.sin(phase), 0.0)
+    elif par[at.LOAD] > 0:
+        pull = par[at.LOAD] / mass
+        since = np.maximum(times, -speed / pull)
+        position = speed * since + 0.5 * pull * since**2
+        velocity = speed + pull * since
+        acceleration = np.where(times >= since, pull, 0.0)
+    rows[:, at.IMPACTOR_POSITION] = position
+    rows[:, at.IMPACTOR_VELOCITY] = velocity
+    rows[:, at.IMPACTOR_ACCELERATION] = acceleration
+
+
+def simulate_at(
+    bench: Bench,
+    blow: Blow,
+    time: Array,
+    *,
+    mechanisms: Effects | None = None,
+    contact_time: float = 0.0,
+    tolerance: float = DEFAULT_TOLERANCE,
+) -> Simulation:
+    """Simulate a blow and sample it at ``time``, rising, s, shape (n,)."""
+    time = np.ascontiguousarray(time, dtype=np.float64)
+    if time.ndim != 1 or time.size == 0 or not (np.diff(time) >= 0).all():
+        raise ConfigurationError('simulation: sample times must be a rising array, not empty')
+    if not math.isfinite(contact_time) or not 1e-13 <= tolerance <= 1e-2:
+        raise ConfigurationError(
+            f'simulation: contact_time {contact_time!r} s must be finite and tolerance '
+            f'{tolerance!r} from 1e-13 to 0.01'
+        )
+    effects = normalise(mechanisms, bench, blow)
+    par = assemble(bench, blow, effects)
+    rows, event_times, event_kinds, steps = solve(par, time - contact_time, tolerance)
+    events = tuple(
+        Event(float(t) + contact_time, _EVENT_NAMES[int(kind)])
+        for t, kind in zip(event_times, event_kinds, strict=True)
+    )
+    return Simulation(time, rows, contact_time, events, effects, par, steps)
+
+
+def simulate(
+    bench: Bench,
+    blow: Blow,
+    *,
+    mechanisms: Effects | None = None,
+    duration: float = 1.0,
+    sample_rate: float = 10_000.0,
+    contact_time: float = 0.0,
+    tolerance: float = DEFAULT_TOLERANCE,
+) -> Simulation:
+    """Simulate a blow on a bench.
+
+    ``mechanisms`` None: those that bench and blow imply (contact that only pushes, the
+    pendulum's weight, the robot's push); otherwise exactly those given, as Effects or as
+    ``{name: values}``. ``contact_time`` is that of first contact, s after the first sample.
+    Raises ConfigurationError for impossible descriptions, SimulationError where the equations
+    cannot be integrated.
+    """
+    if not (0 < duration < 1e5 and 0 < sample_rate <= 1e8):
+        raise ConfigurationError(
+            f'simulation: duration {duration!r} s and sample_rate {sample_rate!r} Hz '
+            'must be above zero'
+        )
+    count = max(1, round(duration * sample_rate))
+    return simulate_at(
+        bench,
+        blow,
+        np.arange(count) / sample_rate,
+        mechanisms=mechanisms,
+        contact_time=contact_time,
+        tolerance=tolerance,
+    )
