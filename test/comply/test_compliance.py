@@ -183,6 +183,21 @@ def test_a_blow_without_test_point_is_given_the_one_that_was_open(make_event, ma
     assert verdict.verdict is Verdict.INCOMPLETE  # before it began
 
 
+def test_a_test_point_announced_with_its_end_waits_for_its_blows(make_event, make_point, iso):
+    point = make_point(end_ns=100 * SECOND)
+    stage = Compliance(iso, PROFILE)
+    assert stage.take_test_point(point) == []
+    found = []
+    for event in blows_of(make_event, point, [100, 100, 100]):
+        found += stage.push(event)
+    assert [v.verdict for v in final_verdicts(found)] == [Verdict.PASS]
+    assert stage.flush() == []
+    stage.take_test_point(point)
+    (verdict,) = stage.flush()
+    assert verdict.verdict is Verdict.INCOMPLETE
+    assert not any('still open' in r or 'was open' in r for r in verdict.reasons)
+
+
 def test_flush_judges_what_is_open_says_so_and_starts_afresh(make_event, make_point, iso):
     point = make_point()
     stage = Compliance(iso, PROFILE)

@@ -63,13 +63,15 @@ class Compliance:
     def take_test_point(self, test_point: TestPoint) -> list[ComplianceVerdict]:
         """Note that a test point began or ended; where it ended, return its verdict.
 
-        A verdict that was given already is not repeated: latched messages come again.
+        A verdict that was given already is not repeated: latched messages come again. One that
+        is announced with its end, as recordings and simulations do, waits for its blows.
         """
         key = _key(test_point)
         record = self._records.get(key)
         if record is None:
-            record = self._records[key] = _Record(test_point)
-        elif repr(test_point) != repr(record.test_point):  # NaN equals NaN here
+            self._records[key] = _Record(test_point)
+            return []
+        if repr(test_point) != repr(record.test_point):  # NaN equals NaN here
             record.test_point = test_point
             record.reported = False
         return self._report(record)
@@ -107,7 +109,7 @@ class Compliance:
     def flush(self) -> list[ComplianceVerdict]:
         """Judge the test points that are still open as if they ended here, and start afresh."""
         verdicts = [
-            self._judge(record, ended=False)
+            self._judge(record, ended=record.test_point.end_ns != 0)
             for record in self._records.values()
             if not record.reported
         ]
