@@ -253,6 +253,9 @@ def test_a_signal_that_is_not_a_force_gets_no_limits(make_event, make_result):
     text = render_report(make_result((dataclasses.replace(item, event=event),), Verdict.INVALID))
     check_page(text)
     assert set(drawn_curve(text, 'angle')) == {'measured'}
+    assert '<rect class="transient"' not in text
+    assert 'Peak, rad' in text
+    assert 'Peak, N' not in text
 
 
 def test_what_is_missing_is_said_to_be(make_event, make_result):

@@ -18,6 +18,9 @@ def nice_ticks(low: float, high: float, count: int = 8) -> tuple[list[float], in
     raw = span / max(count, 1)
     power = 10.0 ** math.floor(math.log10(raw))
     step = next(power * m for m in (1, 2, 5, 10) if power * m >= raw * 0.999)
+    if math.floor(high / step + 1e-9) - math.ceil(low / step - 1e-9) < 2:
+        # One or two numbers do not make an axis: the next finer round step.
+        step /= 2.5 if math.isclose(step, 5 * power) else 2.0
     decimals = max(0, -math.floor(math.log10(step) + 1e-9))
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     return [round(i * step, decimals + 2) + 0.0 for i in range(first, last + 1)], decimals

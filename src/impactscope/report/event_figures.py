@@ -28,6 +28,7 @@ FORCE_POINTS = 2400
 OTHER_POINTS = 1600
 ENLARGE_BELOW = 0.6  # of the window; a contact longer than this needs no second figure
 MOST_DOTS = 40
+OTHER_SHORTEST = 0.25  # s, of the axis of channels beside the first
 
 
 def transient_window_of(parameters: dict[str, dict[str, object]]) -> float:
@@ -41,21 +42,35 @@ def transient_window_of(parameters: dict[str, dict[str, object]]) -> float:
     return math.nan
 
 
-def _phases(event: ImpactEvent, clock: EventClock, window: float) -> tuple[list[Band], list[Lane]]:
-    """Shading of the plot, and the two strips above it that say the same in words."""
+def _was_judged(result: EventResult) -> bool:
+    """Whether a force or a limit stands in the verdict at all."""
+    verdict = result.verdict
+    numbers = (
+        verdict.transient_force.value,
+        verdict.quasi_static_force.value,
+        verdict.transient_limit,
+        verdict.quasi_static_limit,
+    )
+    return any(map(math.isfinite, numbers))
+
+
+def _phases(
+    event: ImpactEvent, clock: EventClock, window: float, *, judged: bool
+) -> tuple[list[Band], list[Lane]]:
+    """Shading of the plot, and the strips above it that say the same in words."""
     low, high = clock.x_range
-    bands, contact, judged = [], [], []
+    bands, contact, judgement = [], [], []
     start, end = clock(event.contact_start), clock(event.contact_end)
     rest = clock(first_finite(event.event_end, event_duration(event)))
     if math.isfinite(start):
         before = Band(low, start, 'before', 'before')
         bands.append(before)
         contact.append(before)
-        if math.isfinite(window):
+        if judged and math.isfinite(window):
             turn = start + window * clock.factor
-            judged.append(Band(start, turn, 'transient', 'transient window', short='T'))
+            judgement.append(Band(start, turn, 'transient', 'transient window', short='T'))
             if math.isfinite(end) and end > turn:
-                judged.append(Band(turn, end, 'quasi-static', 'quasi-static', short='S'))
+                judgement.append(Band(turn, end, 'quasi-static', 'quasi-static', short='S'))
     several = len(event.contacts) > 1
     for number, span in enumerate(event.contacts, start=1):
         name = f'contact {number}' if several else 'contact'
@@ -70,7 +85,7 @@ def _phases(event: ImpactEvent, clock: EventClock, window: float) -> tuple[list[
         if rest < high:
             contact.append(Band(rest, high, 'before', 'rest'))
     lanes = [Lane('phase', tuple(contact))] if contact else []
-    return bands, [Lane('judged as', tuple(judged)), *lanes] if judged else lanes
+    return bands, [Lane('judged as', tuple(judgement)), *lanes] if judgement else lanes
 
 
 def _limits(
@@ -129,8 +144,8 @@ def _force_figure(
     channel = event.channels[0]
     clock = event_clock(event, start, end)
     time, values = event_samples(event, 0)
-    bands, lanes = _phases(event, clock, window)
     is_force = channel.unit == 'N'
+    bands, lanes = _phases(event, clock, window, judged=is_force and _was_judged(result))
     lines, guard = _limits(result, clock, window) if limits and is_force else ([], [])
     inside = np.isfinite(values) & (time >= start) & (time <= end)
     largest = 'no finite sample'
@@ -179,8 +194,9 @@ def _enlarged(event: ImpactEvent, window: float) -> tuple[float, float] | None:
     if not (math.isfinite(start) and math.isfinite(end)) or end <= start:
         return None
     length = min(end - start, first_finite(window, 0.5))
-    begin = max(start - max(0.15 * length, 0.003), 0.0)
-    stop = min(start + 1.4 * length + 0.02, event_duration(event))
+    begin = max(start - max(0.15 * length, min(length, 0.003)), 0.0)
+    stop = start + length + max(0.4 * length, min(2.0 * length, 0.02))
+    stop = min(stop, event_duration(event))
     if not begin < stop or stop - begin > ENLARGE_BELOW * event_duration(event):
         return None
     return begin, stop
@@ -243,5 +259,8 @@ def event_figures(result: EventResult, window: float) -> tuple[list[Figure], lis
     near = _enlarged(event, window)
     if near is not None:
         blow.append(_force_figure(result, 'Contact, enlarged', *near, window, limits=False))
+    if near is not None:
+        # A response rings on after a short contact: the other channels show more of it.
+        near = near[0], min(max(near[1], near[0] + OTHER_SHORTEST), whole[1])
     blow += _other_figures(event, *(near or whole))
     return blow, ring_down_figures(event, result.sensor)

@@ -83,6 +83,7 @@ class EventReport:
     validity: str
     contacts: tuple[tuple[str, ...], ...]
     more_contacts: int
+    contact_unit: str  # of the peaks
     impact: tuple[Quantity, ...]
     impact_note: str
     sensor: tuple[Quantity, ...]
@@ -295,6 +296,7 @@ def report_event(
         judgement=_judgement(verdict, result.impact),
         validity=_validity(verdict),
         contacts=_contact_rows(event),
+        contact_unit=event.channels[0].unit if event.channels else '',
         more_contacts=max(len(event.contacts) - MOST_CONTACTS, 0),
         impact=_impact_rows(result.impact) if result.impact.valid else (),
         impact_note=_note(
