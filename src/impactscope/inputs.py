@@ -134,7 +134,7 @@ def recorded_items(recording: Recording, inputs: Sequence[Input] = ()) -> Iterat
         if isinstance(record, SampleRun):
             for item, assembler in assemblers[record.topic]:
                 column = record.columns.index(item.column)
-                yield from assembler.push_many(record.stamps_ns, record.values[:, column])
+                yield from assembler.extend(record.stamps_ns, record.values[:, column])
         else:
             yield record
     for pairs in assemblers.values():

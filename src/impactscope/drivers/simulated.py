@@ -7,7 +7,8 @@ import heapq
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from impactscope.physics.twin import CAMPAIGNS, Campaign, Stream, campaign, stream
+from impactscope.physics.twin.campaigns import CAMPAIGNS, campaign
+from impactscope.physics.twin.stream import Campaign, Stream, stream
 from impactscope.recordings import RecordingWriter
 from impactscope.records import NANOSECONDS, SampleBlock, TestPoint
 from impactscope.version import __version__

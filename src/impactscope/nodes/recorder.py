@@ -43,6 +43,7 @@ class Recorder(StageNode):
             target, metadata={'provenance': {'software': f'impactscope {__version__}', **notes}}, overwrite=True
         )
         self._bytes = 0
+        self._waiting: list[tuple[str, str, bytes, Delivery]] = []
         self._topics: set[str] = set()
         self._discover()
         self.create_timer(0.2, self._discover, clock=STEADY)
@@ -99,14 +100,23 @@ class Recorder(StageNode):
         self, topic: str, type_name: str, delivery: Delivery
     ) -> Callable[[bytes], None]:
         def on_message(data: bytes) -> None:
-            now_ns = int(self.get_clock().now().nanoseconds)
-            self._writer.write(topic, type_name, data, now_ns, delivery=delivery)
             self._bytes += len(data)
+            self._waiting.append((topic, type_name, data, delivery))
+            now_ns = int(self.get_clock().now().nanoseconds)
+            if now_ns == 0:  # simulated time has not begun: there is no time to log it at
+                return
+            self._write_waiting(now_ns)
 
         return on_message
 
+    def _write_waiting(self, now_ns: int) -> None:
+        for topic, type_name, data, delivery in self._waiting:
+            self._writer.write(topic, type_name, data, now_ns, delivery=delivery)
+        self._waiting.clear()
+
     def finish(self) -> None:
-        """Close the file."""
+        """Write what waits, and close the file."""
+        self._write_waiting(int(self.get_clock().now().nanoseconds))
         self._writer.close()
 
     def destroy_node(self) -> None:

@@ -8,6 +8,7 @@ acceleration.impactor``.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -19,9 +20,9 @@ from impactscope.nodes import qos, wire
 from impactscope.nodes.base import STEADY, StageNode
 from impactscope.nodes.conversions import time_message, to_message, to_record
 from impactscope.nodes.parameters import declare, declare_settings, refuse_unknown
-from impactscope.records import SyncedBlock
+from impactscope.records import SampleBlock, SyncedBlock
 from impactscope.synchronise import (
-    Mirror,
+    ChannelMirror,
     SampleAssembler,
     Synchroniser,
     SynchroniserSettings,
@@ -53,7 +54,7 @@ class SynchroniserNode(StageNode):
             'a stream that is silent this long has ended [s]; 0: never',
             low=0.0,
         )
-        mirror_rate = declare(
+        self._mirror_rate = declare(
             self, 'mirror_rate', 200.0, 'of the mirrored channels for plots [Hz]; 0: none', low=0.0
         )
         refuse_unknown(self)
@@ -61,7 +62,6 @@ class SynchroniserNode(StageNode):
         self._publisher = self.create_publisher(
             msg.SyncedBlock, 'synced', qos.SAMPLES, qos_overriding_options=qos.OVERRIDES
         )
-        self._mirror = Mirror(mirror_rate) if mirror_rate > 0 else None
         self._mirrors: dict[str, Any] = {}
         self._assemblers: list[SampleAssembler] = []
         for topic in topics:
@@ -97,12 +97,12 @@ class SynchroniserNode(StageNode):
     ) -> Callable[[bytes], None]:
         def on_sample(data: bytes) -> None:
             for block in assembler.push(*read(data)):
-                self._publish(self._stage.push(block))
+                self._take(block)
 
         return on_sample
 
     def _on_block(self, message: msg.SampleBlock) -> None:
-        self._publish(self._stage.push(to_record(message)))
+        self._take(to_record(message))
 
     def _end_if_idle(self) -> None:
         if self.received == self._last_received and self.received:
@@ -112,7 +112,7 @@ class SynchroniserNode(StageNode):
     def _end(self) -> None:
         for assembler in self._assemblers:
             for block in assembler.end():
-                self._publish(self._stage.push(block))
+                self._take(block)
         self._publish(self._stage.flush())
 
     def finish(self) -> None:
@@ -123,30 +123,28 @@ class SynchroniserNode(StageNode):
         for block in blocks:
             self._publisher.publish(to_message(block))
             self.published += 1
-            if self._mirror is not None:
-                self._publish_mirror(block)
 
-    def _publish_mirror(self, block: SyncedBlock) -> None:
-        assert self._mirror is not None  # noqa: S101 - the caller has looked
-        for channel, stamps_ns, values in self._mirror.push(block):
-            is_force = channel.unit == 'N'
-            publisher = self._mirrors.get(channel.name)
-            if publisher is None:
-                publisher = self.create_publisher(
-                    WrenchStamped if is_force else AccelStamped,
-                    'mirror/' + channel.name.replace('.', '_'),
-                    qos.MIRROR,
-                )
-                self._mirrors[channel.name] = publisher
-            for stamp_ns, value in zip(stamps_ns, values, strict=True):
-                message = WrenchStamped() if is_force else AccelStamped()
-                message.header.stamp = time_message(int(stamp_ns))
-                message.header.frame_id = channel.frame_id
-                if is_force:
-                    message.wrench.force.z = float(value)
-                else:
-                    message.accel.linear.z = float(value)
-                publisher.publish(message)
+    def _take(self, block: SampleBlock) -> None:
+        self._publish(self._stage.push(block))
+        if self._mirror_rate > 0:
+            self._publish_mirror(block)
+
+    def _publish_mirror(self, block: SampleBlock) -> None:
+        """Repeat a channel for plots, decimated with its peaks kept; its axis is z."""
+        is_force = block.unit == 'N'
+        if block.channel not in self._mirrors:
+            topic = 'mirror/' + re.sub(r'\W', '_', block.channel)
+            kind = WrenchStamped if is_force else AccelStamped
+            publisher = self.create_publisher(kind, topic, qos.MIRROR)
+            self._mirrors[block.channel] = (ChannelMirror(self._mirror_rate), publisher)
+        mirror, publisher = self._mirrors[block.channel]
+        for stamp_ns, value in zip(*mirror.push(block), strict=True):
+            message = WrenchStamped() if is_force else AccelStamped()
+            message.header.stamp = time_message(int(stamp_ns))
+            message.header.frame_id = block.frame_id
+            vector = message.wrench.force if is_force else message.accel.linear
+            vector.z = float(value)
+            publisher.publish(message)
 
     def state(self) -> tuple[str, dict[str, Any]]:
         """Counts for each channel; a warning where data was lost or refused."""
