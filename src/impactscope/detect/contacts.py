@@ -1,115 +1,229 @@
 """Where in a blow's force reading there is contact, and where the plate only rings.
 
 After the impactor has left, the sensor's plate oscillates freely and its spring reports forces
-of both signs. In a free oscillation every half-wave is smaller than the one before it, so a
-positive half-wave larger than the negative one before it got new momentum: contact. A reading
-that comes back from its zero level without having swung through it was pushed as well.
+of both signs. Two ways lead to the contacts:
+
+* With a model of the plate (its natural frequency and damping, learned from the ring-down) each
+  contact is fitted as a pulse of force, its response is taken off the reading, ring-down and
+  all, and what then still pushes is the next contact.
+* Without one, or where the reading does not follow it, by the reading alone: in a free
+  oscillation every half-wave is smaller than the one before it, so a positive half-wave larger
+  than the negative one before it got new momentum. A reading that rises from zero without
+  having swung through it was pushed as well.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.detect.plate_motion import PlateModel, PulseFit, fit_pulse
 from impactscope.records import Contact
 
 __all__ = ['ContactRules', 'find_contacts']
 
 GROWTH = 1.05  # of a half-wave over the one before it, beyond noise, that proves new momentum
+MOST_CONTACTS = 32
+DOUBT = 0.12  # share of a ring-down that its model may miss without it being a contact
+# Periods of the plate after the rise that a contact is fitted over: the longest that fits.
+SPANS = (3.0, 1.5, 1.0, 0.7, 0.5, 0.35)
+RISE = 0.5  # periods of the rise of a long contact, for its start alone
 
 
 @dataclass(frozen=True, slots=True)
 class ContactRules:
-    """What counts as contact in one blow; all in the unit of the force and in samples."""
+    """What counts as contact in one blow."""
 
     rate: float  # Hz
-    threshold: float  # above it the smoothed reading is pushed (or rings)
+    threshold: float  # N; above it the smoothed reading is pushed (or rings)
     smoothing: int  # samples of the moving mean that the threshold applies to
     hold: int  # samples below the threshold that end a contact
-    noise: float  # standard deviation of the smoothed reading
+    noise: float  # N, standard deviation of a sample
+    smoothed_noise: float  # N, of the smoothed reading
 
 
 @dataclass(frozen=True, slots=True)
 class _Span:
-    start: int
-    stop: int
-    peak: float
+    """Samples of a contact; fractional where it was fitted."""
 
-
-def _smoothed(force: NDArray[np.float64], n: int) -> NDArray[np.float64]:
-    """Centred moving mean; shorter at the ends, non-finite samples counted as zero."""
-    finite = np.where(np.isfinite(force), force, 0.0)
-    total = np.concatenate(([0.0], np.cumsum(finite)))
-    centre = np.arange(force.size)
-    low = np.maximum(centre - (n - 1) // 2, 0)
-    high = np.minimum(centre + n // 2 + 1, force.size)
-    means: NDArray[np.float64] = (total[high] - total[low]) / (high - low)
-    return means
-
-
-def _spans_above(values: NDArray[np.float64], threshold: float) -> list[_Span]:
-    edges = np.diff(np.concatenate(([False], values > threshold, [False])).astype(np.int8))
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return [
-        _Span(int(a), int(b), float(values[a:b].max())) for a, b in zip(starts, stops, strict=True)
-    ]
+    start: float
+    stop: float
 
 
 def find_contacts(
-    force: NDArray[np.float64], trigger: int, rules: ContactRules
+    reading: NDArray[np.float64],
+    trigger: int,
+    rules: ContactRules,
+    plate: PlateModel | None = None,
 ) -> tuple[Contact, ...]:
     """Contacts in a force reading with its zero level removed.
 
     Args:
-        force: N, compression positive, shape (n_samples,).
+        reading: N, compression positive, shape (n_samples,).
         trigger: sample by which the blow is known to have begun; spans that end before are noise.
         rules: thresholds.
+        plate: the sensor's free motion; None where it is not known.
 
     Returns:
-        contacts in order of time, times in s after the first sample; at least one.
+        contacts in order of time, times in s after the first sample; at least one. A contact's
+        peak and impulse are those of the reading from its start to the end of the half-wave that
+        it causes, which may lie after the contact itself.
     """
-    smooth = _smoothed(force, rules.smoothing)
-    spans = [s for s in _spans_above(smooth, rules.threshold) if s.stop > trigger]
-    if not spans:
+    pushed = _pushed_spans(reading, trigger, rules)
+    spans = _fitted_spans(reading, pushed, trigger, rules, plate) if plate else pushed
+    contacts = []
+    for place, span in enumerate(spans):
+        limit = math.ceil(spans[place + 1].start) if place + 1 < len(spans) else reading.size
+        contacts.append(_contact(reading, span, pushed, limit, rules.rate))
+    return tuple(contacts)
+
+
+def _smoothed(reading: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    """Centred moving mean; shorter at the ends, non-finite samples counted as zero."""
+    finite = np.where(np.isfinite(reading), reading, 0.0)
+    total = np.concatenate(([0.0], np.cumsum(finite)))
+    centre = np.arange(reading.size)
+    low = np.maximum(centre - (n - 1) // 2, 0)
+    high = np.minimum(centre + n // 2 + 1, reading.size)
+    means: NDArray[np.float64] = (total[high] - total[low]) / (high - low)
+    return means
+
+
+def _spans_above(
+    values: NDArray[np.float64], threshold: float | NDArray[np.float64]
+) -> list[tuple[int, int]]:
+    edges = np.diff(np.concatenate(([False], values > threshold, [False])).astype(np.int8))
+    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return [(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
+
+
+def _pushed_spans(reading: NDArray[np.float64], trigger: int, rules: ContactRules) -> list[_Span]:
+    """Spans by the reading alone: above the threshold, joined over short dips, none ringing."""
+    smooth = _smoothed(reading, rules.smoothing)
+    above = [span for span in _spans_above(smooth, rules.threshold) if span[1] > trigger]
+    if not above:
         peak = trigger + int(np.argmax(smooth[trigger:]))
-        spans = [_Span(peak, peak + 1, float(smooth[peak]))]
-    contacts = [spans[0]]
-    previous = spans[0]
-    for span in spans[1:]:
-        gap = smooth[previous.stop : span.start]
-        swing = max(-float(gap.min(initial=0.0)), 0.0)
-        if swing <= rules.threshold and gap.size < rules.hold:
-            previous = _Span(previous.start, span.stop, max(previous.peak, span.peak))
-            contacts[-1] = (
-                _Span(contacts[-1].start, span.stop, max(contacts[-1].peak, span.peak))
-                if contacts[-1].stop >= previous.start
-                else contacts[-1]
-            )
+        return [_Span(peak, peak + 1)]
+    joined: list[tuple[int, int]] = [above[0]]
+    for start, stop in above[1:]:
+        last = joined[-1]
+        dip = float(smooth[last[1] : start].min())
+        if dip > -rules.threshold and start - last[1] < rules.hold:
+            joined[-1] = (last[0], stop)
+        else:
+            joined.append((start, stop))
+    spans = [_Span(*joined[0])]
+    for before, (start, stop) in itertools.pairwise(joined):
+        swing = -float(smooth[before[1] : start].min())
+        # A swing below the threshold could not be told from none: it counts as one of its size.
+        bound = GROWTH * max(swing, 0.0) + 4 * rules.smoothed_noise
+        if float(smooth[start:stop].max()) > max(bound, rules.threshold * GROWTH):
+            spans.append(_Span(start, stop))
+    return spans
+
+
+def _fitted_spans(
+    reading: NDArray[np.float64],
+    pushed: list[_Span],
+    trigger: int,
+    rules: ContactRules,
+    plate: PlateModel,
+) -> list[_Span]:
+    """Contacts one after the other, each fitted to what the ones before it leave over."""
+    residual = reading.copy()
+    doubt = np.zeros(reading.size)
+    spans: list[_Span] = []
+    after = float(trigger)
+    while len(spans) < MOST_CONTACTS:
+        smooth = _smoothed(residual, rules.smoothing)
+        above = [s for s in _spans_above(smooth, rules.threshold + doubt) if s[1] > after]
+        if not above:
+            break
+        begin = spans[-1].stop if spans else 0.0
+        first = above[0][0]
+        fit = _fit(residual, begin, first, rules, plate)
+        if fit is None:
+            spans += _unfitted(residual, begin, max(first, after), pushed, rules, plate)
+            break
+        response = fit.response(reading.size, rules.rate, plate)
+        residual -= response
+        start, stop = fit.start * rules.rate, (fit.start + fit.duration) * rules.rate
+        spans.append(_Span(start, stop))
+        late = np.arange(reading.size) - math.ceil(stop)
+        tail = response[late >= 0]
+        if tail.size == 0:
+            break
+        fall = plate.damping_ratio * plate.natural_frequency / rules.rate
+        size = float(np.abs(tail[: round(plate.period * rules.rate)]).max())
+        doubt[late >= 0] += DOUBT * size * np.exp(-fall * late[late >= 0])
+        after = stop + 0.05 * plate.period * rules.rate
+    return spans or pushed
+
+
+def _fit(
+    residual: NDArray[np.float64], begin: float, rise: int, rules: ContactRules, plate: PlateModel
+) -> PulseFit | None:
+    """The contact that makes the reading rise, over the longest stretch that one explains."""
+    period = plate.period * rules.rate
+    low = max(math.ceil(begin), round(rise - 0.7 * period), 0)
+    for periods in SPANS:
+        high = round(rise + periods * period)
+        if high > residual.size and periods != SPANS[0]:
             continue
-        # A swing at the threshold's own size may hide in it.
-        bound = GROWTH * max(swing, rules.threshold) + 4 * rules.noise
-        if swing <= rules.threshold:
-            bound = max(bound, GROWTH * previous.peak if gap.size < rules.hold else bound)
-        if span.peak > bound:
-            contacts.append(span)
-        previous = span
-    return tuple(_contact(force, smooth, span, rules.rate) for span in contacts)
+        part = residual[low : min(high, residual.size)]
+        fit = fit_pulse(part, rules.rate, plate, (rise - low) / rules.rate, rules.noise)
+        if fit is None:
+            continue
+        peak = float(np.abs(part).max())
+        if fit.rms < 1.3 * max(fit.noise, rules.smoothed_noise / 2) + 0.006 * peak:
+            return fit.moved(low / rules.rate)
+    return None
+
+
+def _unfitted(
+    residual: NDArray[np.float64],
+    begin: float,
+    first: float,
+    pushed: list[_Span],
+    rules: ContactRules,
+    plate: PlateModel,
+) -> list[_Span]:
+    """The remaining contacts by the reading alone; the first one's start from its rise."""
+    rest = [span for span in pushed if span.stop > first]
+    if not rest:
+        return []
+    start = max(rest[0].start, first)
+    period = plate.period * rules.rate
+    low = max(math.ceil(begin), round(start - 0.7 * period), 0)
+    part = residual[low : round(start + RISE * period)]
+    fit = fit_pulse(part, rules.rate, plate, (start - low) / rules.rate, rules.noise)
+    if fit is not None and fit.duration > 0.8 * RISE * plate.period:
+        peak = float(np.abs(part).max())
+        if fit.rms < 1.3 * max(fit.noise, rules.smoothed_noise / 2) + 0.006 * peak:
+            start = min(start, max(low + fit.start * rules.rate, begin))
+    return [_Span(start, rest[0].stop), *rest[1:]]
 
 
 def _contact(
-    force: NDArray[np.float64], smooth: NDArray[np.float64], span: _Span, rate: float
+    reading: NDArray[np.float64], span: _Span, pushed: list[_Span], limit: int, rate: float
 ) -> Contact:
-    part = force[span.start : span.stop]
-    if not np.isfinite(part).any():
-        part = smooth[span.start : span.stop]
-    peak = int(np.nanargmax(part))
+    """The contact with peak and impulse of the half-wave of the reading that it causes."""
+    start = max(math.floor(span.start), 0)
+    stop = max(math.ceil(span.stop), start + 1)
+    for half_wave in pushed:
+        if half_wave.start < span.stop and half_wave.stop > span.start:
+            stop = max(stop, math.ceil(half_wave.stop))
+    part = reading[start : max(min(stop, limit), start + 1)]
+    known = np.where(np.isfinite(part), part, -math.inf)
+    peak = int(np.argmax(known))
     return Contact(
-        start=span.start / rate,
+        start=max(span.start, 0.0) / rate,
         end=span.stop / rate,
         peak_force=float(part[peak]),
-        peak_time=(span.start + peak) / rate,
+        peak_time=(start + peak) / rate,
         impulse=math.fsum(part[np.isfinite(part)]) / rate,
     )

@@ -21,6 +21,7 @@ from impactscope.detect.noise_floor import (
     quiet_powers,
     window_lengths,
 )
+from impactscope.detect.plate_memory import PlateMemory
 from impactscope.detect.settings import DetectorSettings
 from impactscope.measurement_profile import MeasurementProfile
 from impactscope.records import NANOSECONDS, ImpactEvent, Quality, SyncedBlock
@@ -85,6 +86,7 @@ class EpochScan:
         self._begin = -(-record.first_index // stride) * stride  # of the stream, on a sample
         self._position = self._begin  # next sample to be analysed
         self._jumps: deque[int] = deque(maxlen=64)  # indices at which the clock jumped
+        self._plates = PlateMemory(settings)
         self._overlap = False  # the next blow begins before the last one came to rest
         self._enter_learning(cold=True)
 
@@ -433,6 +435,7 @@ class EpochScan:
             self._opening,
             self.settings,
             self.profile,
+            self._plates,
             begin=self._begin,
             retained=self._retained,
             stop=stop,

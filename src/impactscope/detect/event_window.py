@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from impactscope.detect.contacts import ContactRules, find_contacts
 from impactscope.detect.history import History
+from impactscope.detect.plate_memory import PlateMemory
 from impactscope.detect.settings import DetectorSettings
 from impactscope.measurement_profile import MeasurementProfile
 from impactscope.records import (
@@ -70,6 +71,7 @@ def build_event(
     opening: Opening,
     settings: DetectorSettings,
     profile: MeasurementProfile,
+    plates: PlateMemory,
     *,
     begin: int,
     retained: int,
@@ -85,6 +87,7 @@ def build_event(
         opening: what was known before the blow.
         settings: of the detector.
         profile: the rules of the measurement.
+        plates: what is known of the sensor's plate; learns from this event.
         begin: grid index of the stream's first sample.
         retained: grid samples before the trigger that the history holds for certain.
         stop: grid index one beyond the window.
@@ -100,15 +103,22 @@ def build_event(
     reading = (row - opening.zero[0]) * (settings.polarity or 1)
     if settings.polarity == 0:
         reading = np.abs(reading)
-    noise = float(opening.sigma[1])
+    trigger = slack // layout.stride
     rules = ContactRules(
         rate=native,
-        threshold=max(opening.contact_force, settings.release * noise),
+        threshold=max(opening.contact_force, settings.release * float(opening.sigma[1])),
         smoothing=int(layout.scales[0]),
         hold=max(round(profile.contact_end_hold * native), 1),
-        noise=noise,
+        noise=float(opening.sigma[0]),
+        smoothed_noise=float(opening.sigma[1]),
     )
-    contacts = find_contacts(reading, slack // layout.stride, rules)
+    contacts = find_contacts(reading, trigger, rules)
+    if opening.in_newtons:
+        if rest_from is not None and Quality.HELD not in quality:
+            quiet = (rest_from - start) // layout.stride
+            plates.learn(reading[round(contacts[-1].end * native) : quiet], native, rules.noise)
+        if plates.model is not None:
+            contacts = find_contacts(reading, trigger, rules, plates.model)
     onset = contacts[0].start
     if start == begin and onset == 0:
         quality |= Quality.TORN  # the stream began inside the blow

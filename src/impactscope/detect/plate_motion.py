@@ -1,0 +1,375 @@
+"""The sensor's plate between and during contacts: free ring-down, and response to a pulse.
+
+The reading r = k x of a plate on its spring follows r'' / wn^2 + 2 zeta r' / wn + r = f_i, with
+the contact force f_i (equations 7 to 10 of the paper). It rises with the third power of time
+after contact begins and swings on after contact has ended, often before its own peak: so a
+threshold finds neither instant. Both are found by fitting the response to a contact force
+
+    f_i(t) = sum_j p_j sin(j pi (t - t0) / T),  0 < t - t0 < T,  j = 1, 2, 3
+
+in closed form: t0 and T by search, p_j by linear least squares (variable projection), with a
+weak preference for the half-sine that only weighs where noise leaves the shape open.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ['PlateModel', 'PulseFit', 'fit_pulse', 'fit_ring_down', 'pulse_response']
+
+TERMS = 3
+SHAPE_PRIOR = 0.1  # standard deviation of p_2 / p_1 and p_3 / p_1 expected beforehand
+MOST_BINS = 200  # samples that a fit uses; more are averaged into these
+LEAST_PERIODS = 2.0  # of ring-down above noise from which a plate's model is learned
+SIMPLEX_STEPS = 60
+
+
+@dataclass(frozen=True, slots=True)
+class PlateModel:
+    """Undamped natural frequency in rad/s and damping ratio of the plate on its spring."""
+
+    natural_frequency: float
+    damping_ratio: float
+
+    @property
+    def period(self) -> float:
+        """Of the undamped oscillation, s."""
+        return 2 * math.pi / self.natural_frequency
+
+
+@dataclass(frozen=True, slots=True)
+class PulseFit:
+    """A contact as fitted; times in s on the axis of the samples given."""
+
+    start: float
+    duration: float
+    amplitudes: NDArray[np.float64]  # p_j, shape (3,)
+    rms: float  # of the residual of the averaged samples, N
+    noise: float  # standard deviation of the averaged samples, N
+
+    def moved(self, by: float) -> PulseFit:
+        """The same contact on an axis that begins ``by`` seconds earlier."""
+        return replace(self, start=self.start + by)
+
+    def response(self, n: int, rate: float, plate: PlateModel) -> NDArray[np.float64]:
+        """The plate's reading, ring-down included, at n samples; N, shape (n,)."""
+        basis = np.empty((TERMS, n))
+        times = np.arange(n) / rate
+        pulse_response(
+            times,
+            self.start,
+            self.duration,
+            plate.natural_frequency,
+            plate.damping_ratio,
+            basis,
+        )
+        reading: NDArray[np.float64] = self.amplitudes @ basis
+        return reading
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def pulse_response(
+    times: NDArray[np.float64],
+    start: float,
+    duration: float,
+    natural_frequency: float,
+    damping_ratio: float,
+    basis: NDArray[np.float64],
+) -> None:
+    """Reading of a plate at rest pushed by sin(j pi (t - start) / duration) in the contact.
+
+    ``basis`` has shape (3, n_times) and receives the responses for j = 1, 2, 3.
+    """
+    decay = damping_ratio * natural_frequency
+    damped = natural_frequency * np.sqrt(1 - damping_ratio * damping_ratio)
+    square = natural_frequency * natural_frequency
+    in_phase = np.empty(TERMS)
+    quadrature = np.empty(TERMS)
+    cosine = np.empty(TERMS)
+    sine = np.empty(TERMS)
+    for j in range(TERMS):
+        drive = (j + 1) * np.pi / duration
+        real = square - drive * drive
+        imaginary = 2 * decay * drive
+        size = real * real + imaginary * imaginary
+        in_phase[j] = square * real / size
+        quadrature[j] = -square * imaginary / size
+        cosine[j] = -quadrature[j]
+        sine[j] = (decay * cosine[j] - in_phase[j] * drive) / damped
+    for i in range(times.shape[0]):
+        t = times[i] - start
+        if t <= 0:
+            basis[:, i] = 0.0
+            continue
+        fall = np.exp(-decay * t)
+        c, s = fall * np.cos(damped * t), fall * np.sin(damped * t)
+        if t < duration:
+            for j in range(TERMS):
+                angle = (j + 1) * np.pi * t / duration
+                basis[j, i] = (
+                    in_phase[j] * np.sin(angle)
+                    + quadrature[j] * np.cos(angle)
+                    + cosine[j] * c
+                    + sine[j] * s
+                )
+        else:
+            late = t - duration
+            fall = np.exp(-decay * late)
+            c_late, s_late = fall * np.cos(damped * late), fall * np.sin(damped * late)
+            sign = 1.0
+            for j in range(TERMS):
+                basis[j, i] = cosine[j] * (c + sign * c_late) + sine[j] * (s + sign * s_late)
+                sign = -sign
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _misfit(
+    times: NDArray[np.float64],
+    reading: NDArray[np.float64],
+    start: float,
+    duration: float,
+    natural_frequency: float,
+    damping_ratio: float,
+    variance: float,
+    basis: NDArray[np.float64],
+    amplitudes: NDArray[np.float64],
+) -> float:
+    """Sum of squares, prior included, at the best amplitudes for a start and a duration."""
+    if duration <= 0:
+        return np.inf
+    pulse_response(times, start, duration, natural_frequency, damping_ratio, basis)
+    power = 0.0
+    along = 0.0
+    for i in range(times.shape[0]):
+        power += basis[0, i] * basis[0, i]
+        along += basis[0, i] * reading[i]
+    if power == 0.0 or along <= 0.0:
+        return np.inf
+    ridge = variance / (SHAPE_PRIOR * along / power) ** 2
+    normal = np.zeros((TERMS, TERMS))
+    right = np.zeros(TERMS)
+    for j in range(TERMS):
+        for m in range(j, TERMS):
+            total = 0.0
+            for i in range(times.shape[0]):
+                total += basis[j, i] * basis[m, i]
+            normal[j, m] = total
+            normal[m, j] = total
+        total = 0.0
+        for i in range(times.shape[0]):
+            total += basis[j, i] * reading[i]
+        right[j] = total
+        if j > 0:
+            normal[j, j] += ridge
+    amplitudes[:] = np.linalg.solve(normal, right)
+    misfit = 0.0
+    for i in range(times.shape[0]):
+        model = 0.0
+        for j in range(TERMS):
+            model += amplitudes[j] * basis[j, i]
+        misfit += (reading[i] - model) ** 2
+    for j in range(1, TERMS):
+        misfit += ridge * amplitudes[j] ** 2
+    return misfit
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _search(
+    times: NDArray[np.float64],
+    reading: NDArray[np.float64],
+    latest: float,
+    natural_frequency: float,
+    damping_ratio: float,
+    variance: float,
+    basis: NDArray[np.float64],
+    amplitudes: NDArray[np.float64],
+) -> tuple[float, float, float]:
+    """Start, duration and misfit: a coarse grid, then the simplex method of Nelder and Mead."""
+    period = 2 * np.pi / natural_frequency
+    points = np.empty((3, 2))
+    costs = np.full(3, np.inf)
+    for a in range(9):
+        for b in range(12):
+            begin = latest - 0.5 * period * a / 8
+            length = 0.04 * period * 1.4**b
+            cost = _misfit(
+                times, reading, begin, length, natural_frequency, damping_ratio, variance,
+                basis, amplitudes,
+            )  # fmt: skip
+            if cost < costs[0]:
+                costs[0] = cost
+                points[0] = begin, length
+    points[1] = points[0, 0] + 0.03 * period, points[0, 1]
+    points[2] = points[0, 0], points[0, 1] * 1.2
+    for k in range(1, 3):
+        costs[k] = _misfit(
+            times, reading, points[k, 0], points[k, 1], natural_frequency, damping_ratio,
+            variance, basis, amplitudes,
+        )  # fmt: skip
+    for _ in range(SIMPLEX_STEPS):
+        order = np.argsort(costs)
+        points, costs = points[order], costs[order]
+        centre = (points[0] + points[1]) / 2
+        moved = False
+        for factor in (-1.0, -2.0, 0.5, -0.5):
+            trial = centre + factor * (points[2] - centre)
+            cost = _misfit(
+                times, reading, trial[0], trial[1], natural_frequency, damping_ratio, variance,
+                basis, amplitudes,
+            )  # fmt: skip
+            if factor == -1.0 and costs[0] <= cost < costs[1]:
+                points[2], costs[2] = trial, cost
+                moved = True
+                break
+            if factor == -1.0 and cost < costs[0]:
+                points[2], costs[2] = trial, cost
+                moved = True
+                continue
+            if factor == -2.0:
+                if moved:
+                    if cost < costs[2]:
+                        points[2], costs[2] = trial, cost
+                    break
+                continue
+            if cost < costs[2]:
+                points[2], costs[2] = trial, cost
+                moved = True
+                break
+        if not moved:
+            for k in range(1, 3):
+                points[k] = (points[k] + points[0]) / 2
+                costs[k] = _misfit(
+                    times, reading, points[k, 0], points[k, 1], natural_frequency,
+                    damping_ratio, variance, basis, amplitudes,
+                )  # fmt: skip
+        if np.abs(points[1:] - points[0]).max() < 1e-5 * period:
+            break
+    best = np.argmin(costs)
+    cost = _misfit(
+        times, reading, points[best, 0], points[best, 1], natural_frequency, damping_ratio,
+        variance, basis, amplitudes,
+    )  # fmt: skip
+    return points[best, 0], points[best, 1], cost
+
+
+def fit_pulse(
+    reading: NDArray[np.float64], rate: float, plate: PlateModel, rise: float, noise: float
+) -> PulseFit | None:
+    """Start and duration of one contact from the reading around it.
+
+    Args:
+        reading: N, from a plate at rest (earlier motion taken off) to before the next contact,
+            shape (n_samples,).
+        rate: Hz.
+        plate: natural frequency and damping ratio.
+        rise: s, by which the reading has visibly risen; contact began before.
+        noise: standard deviation of a sample, N.
+
+    Returns:
+        the fit, or None where the reading does not follow such a response.
+    """
+    width = max(-(-reading.size // MOST_BINS), 1)
+    count = reading.size // width
+    if count < 8 or not np.isfinite(reading).all():
+        return None
+    binned = reading[: count * width].reshape(count, width).mean(axis=1)
+    times = (np.arange(count) * width + (width - 1) / 2) / rate
+    basis = np.empty((TERMS, count))
+    amplitudes = np.zeros(TERMS)
+    variance = max(noise**2 / width, (1e-4 * float(np.abs(binned).max())) ** 2)
+    start, duration, cost = _search(
+        times,
+        binned,
+        rise,
+        plate.natural_frequency,
+        plate.damping_ratio,
+        variance,
+        basis,
+        amplitudes,
+    )
+    if not math.isfinite(cost) or not 0.02 < duration / plate.period < 2.2:
+        return None
+    rms = math.sqrt(cost / count)
+    return PulseFit(start, duration, amplitudes, rms, noise / math.sqrt(width))
+
+
+def fit_ring_down(
+    reading: NDArray[np.float64], rate: float, noise: float
+) -> tuple[PlateModel, float] | None:
+    """Natural frequency and damping ratio from a free ring-down, if it is one.
+
+    Args:
+        reading: from the end of contact on, shape (n_samples,).
+        rate: Hz.
+        noise: standard deviation of a sample.
+
+    Returns:
+        the plate's model and the weight of what it rests on (amplitude over noise, squared,
+        times samples); None where there is no such oscillation or more than one.
+    """
+    width = max(-(-reading.size // (8 * MOST_BINS)), 1)
+    count = reading.size // width
+    if count < 32 or not np.isfinite(reading).all():
+        return None
+    values = np.asarray(reading[: count * width].reshape(count, width).mean(axis=1), np.float64)
+    step = width / rate
+    t = np.arange(count) * step
+    centred = values - values[count // 2 :].mean()
+    spectrum = np.abs(np.fft.rfft(centred, 4 * count))
+    omega = 2 * math.pi * int(np.argmax(spectrum)) / (4 * count * step)
+    if omega == 0:
+        return None
+    found = min(
+        (_damped_fit(t, values, omega, ratio * omega) for ratio in (0.02, 0.05, 0.12)),
+        key=lambda fit: fit[3],
+    )
+    omega, decay, amplitude, rms = found
+    natural = math.hypot(omega, decay)
+    ratio = decay / natural
+    if not (0.003 < ratio < 0.4) or natural * step > 1:
+        return None
+    deviation = noise / math.sqrt(width)
+    heard = math.log(max(amplitude / max(deviation, 1e-12), 1.0)) / decay
+    if min(heard, t[-1]) * omega / (2 * math.pi) < LEAST_PERIODS:
+        return None
+    if rms > 1.5 * deviation + 0.03 * amplitude:
+        return None
+    weight = (amplitude / max(rms, 1e-12)) ** 2 / (decay * step)
+    return PlateModel(natural, ratio), weight
+
+
+def _damped_fit(
+    t: NDArray[np.float64], values: NDArray[np.float64], omega: float, decay: float
+) -> tuple[float, float, float, float]:
+    """Gauss-Newton on frequency and decay; amplitude, phase and offset are linear."""
+    rms = math.inf
+    amplitude = 0.0
+    best = (omega, decay, 0.0, math.inf)
+    for _ in range(12):
+        fall = np.exp(-decay * t)
+        c, s = fall * np.cos(omega * t), fall * np.sin(omega * t)
+        basis = np.stack([c, s, np.ones_like(t)], axis=1)
+        linear, *_ = np.linalg.lstsq(basis, values, rcond=None)
+        model = basis @ linear
+        residual = values - model
+        rms = float(np.sqrt(np.mean(residual**2)))
+        amplitude = math.hypot(linear[0], linear[1])
+        if rms < best[3]:
+            best = (omega, decay, amplitude, rms)
+        by_omega = t * (linear[1] * c - linear[0] * s)
+        by_decay = -t * (linear[0] * c + linear[1] * s)
+        jacobian = np.column_stack([basis, by_omega, by_decay])
+        change, *_ = np.linalg.lstsq(jacobian, residual, rcond=None)
+        limit = 0.2 * omega
+        omega += float(np.clip(change[3], -limit, limit))
+        decay += float(np.clip(change[4], -0.5 * decay, decay))
+        if abs(change[3]) < 1e-7 * omega and abs(change[4]) < 1e-6 * decay:
+            break
+        if omega <= 0 or decay <= 0:
+            break
+    return best
