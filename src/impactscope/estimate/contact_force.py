@@ -1,0 +1,419 @@
+"""The contact force behind a reading: with the plate's accelerometer, or by inversion.
+
+The sensor reads f_o = k x; the force at its plate is f_i = f_o + m a + c v (eq. 7 of Samarathunga
+et al., Machines 2024, 12, 26). With an accelerometer on the plate this is a sum. Without one,
+eq. 24 has to be inverted, which amplifies noise: a Kalman smoother does it under the prior that
+the force is zero out of contact and that its rate wanders in contact; how much it wanders is
+found from the data by maximum likelihood. Positive is into the sensor, for force and plate.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+from scipy.fft import next_fast_len
+from scipy.linalg import expm
+from scipy.optimize import minimize_scalar
+
+from impactscope.errors import EstimationError, InputError
+from impactscope.records import Estimate
+
+__all__ = [
+    'ContactForce',
+    'Peak',
+    'contact_force_by_inversion',
+    'contact_force_from_acceleration',
+    'find_peak',
+    'plate_velocity',
+]
+
+Array = NDArray[np.float64]
+
+_CREST = 0.9  # share of the peak above which samples enter its parabola: 0.03 % off for a sine
+_FEWEST_CREST_SAMPLES = 7
+
+
+@dataclass(frozen=True, slots=True)
+class Peak:
+    """Where a signal is largest."""
+
+    value: Estimate
+    time: Estimate  # s after the first sample
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactForce:
+    """A reconstructed contact force; arrays of shape (n_samples,), N."""
+
+    force: Array
+    std: Array  # standard uncertainty of each sample
+    method: str
+    peak: Peak
+    reading_error: Estimate  # (peak of the reading - peak of the contact force) / the latter
+
+
+def find_peak(values: ArrayLike, sample_rate: float, noise_std: float) -> Peak:
+    """Peak of a signal by a parabola through its crest, so that noise does not lift it.
+
+    ``values`` has shape (n_samples,), ``noise_std`` is white noise of the same unit. Where the
+    crest is too short for a parabola, the largest sample stands, uncertain by noise and by half
+    a sample of time. Raises InputError for an empty signal or one that is not finite.
+    """
+    y = np.asarray(values, np.float64)
+    if y.ndim != 1 or y.size == 0 or not np.isfinite(y).all():
+        raise InputError(f'peak: values of shape {y.shape} must be 1-D, finite and not empty')
+    smooth = max(1, y.size // 400)  # the crest's limits, not its height, come from this
+    rough = np.convolve(y, np.ones(smooth) / smooth, mode='same') if smooth > 1 else y
+    top = int(np.argmax(rough))
+    below = rough < _CREST * rough[top] - 2 * noise_std
+    left = int(np.flatnonzero(below[:top])[-1]) + 1 if below[:top].any() else 0
+    right = top + int(np.argmax(below[top:])) if below[top:].any() else y.size
+    half = min(top - left, right - 1 - top)  # symmetric, lest a steep flank tilts the parabola
+    lo, hi = top - half, top + half + 1
+    if hi - lo < _FEWEST_CREST_SAMPLES or rough[top] <= 0:
+        highest = int(np.argmax(y))
+        return Peak(
+            Estimate(float(y[highest]), noise_std),
+            Estimate(highest / sample_rate, 0.5 / sample_rate),
+        )
+    t = (np.arange(lo, hi) - top) / sample_rate
+    scale = t[-1]
+    design = np.vander(t / scale, 3, increasing=True)
+    coefficients, *_ = np.linalg.lstsq(design, y[lo:hi], rcond=None)
+    residual = y[lo:hi] - design @ coefficients
+    sigma = max(noise_std, float(np.sqrt(residual @ residual / (t.size - 3))))
+    covariance = sigma**2 * np.linalg.inv(design.T @ design)
+    _, b1, b2 = coefficients
+    turn = float(np.clip(-b1 / (2 * b2), -1, 1)) if b2 < 0 else 0.0
+    gradient = np.array([1.0, turn, turn**2])
+    height_std = math.sqrt(gradient @ covariance @ gradient)
+    time_std = scale
+    if b2 < 0:
+        slope = np.array([0.0, -1 / (2 * b2), b1 / (2 * b2**2)])
+        time_std = min(scale, scale * math.sqrt(slope @ covariance @ slope))
+    return Peak(
+        Estimate(float(gradient @ coefficients), height_std),
+        Estimate(top / sample_rate + turn * scale, max(time_std, 0.1 / sample_rate)),
+    )
+
+
+def plate_velocity(
+    displacement: ArrayLike,
+    acceleration: ArrayLike,
+    sample_rate: float,
+    displacement_noise: float,
+    acceleration_noise: float,
+) -> tuple[Array, float]:
+    """Velocity, m/s, and the standard deviation of its noise, from both signals at once.
+
+    Slow parts come from the displacement's derivative, quick ones from the acceleration's
+    integral, each frequency by the noise of the two: no drift, little noise. Both signals have
+    shape (n_samples,), m and m/s²; noise densities (one-sided) are in m/sqrt(Hz) and
+    m/s²/sqrt(Hz). The ends are taken as momentarily at rest.
+    """
+    x, a = np.asarray(displacement, np.float64), np.asarray(acceleration, np.float64)
+    n = next_fast_len(x.size, real=True)
+    x, a = (np.pad(y, (0, n - y.size), 'edge') for y in (x, a))
+    w = 2 * np.pi * np.fft.rfftfreq(2 * n, 1 / sample_rate)
+    by_displacement = acceleration_noise**2 / (
+        acceleration_noise**2 + w**4 * displacement_noise**2
+    )
+    safe = np.where(w > 0, w, 1.0)
+    by_acceleration = np.where(w > 0, (1 - by_displacement) / safe, 0.0)
+    spectrum = 1j * w * by_displacement * np.fft.rfft(np.concatenate((x, x[::-1])))
+    spectrum -= 1j * by_acceleration * np.fft.rfft(np.concatenate((a, a[::-1])))
+    density = (w * by_displacement * displacement_noise) ** 2
+    density += (by_acceleration * acceleration_noise) ** 2
+    std = math.sqrt(float(density.sum()) * sample_rate / (2 * n))
+    return np.fft.irfft(spectrum, 2 * n)[: np.size(displacement)], std
+
+
+def contact_force_from_acceleration(
+    force: ArrayLike,
+    acceleration: ArrayLike,
+    sample_rate: float,
+    *,
+    mass: Estimate,
+    damping_constant: Estimate,
+    stiffness: float,
+    force_noise: float,
+    acceleration_noise: float,
+    force_bandwidth: float = math.inf,
+    acceleration_bandwidth: float = math.inf,
+    acceleration_uncertainty: float = 0.0,
+) -> ContactForce:
+    """f_i = f_o + m a + c v, with its uncertainty band.
+
+    ``force`` N and ``acceleration`` of the plate m/s² have shape (n_samples,) on one grid, zero
+    levels removed, at rest at both ends. ``mass`` kg, ``damping_constant`` N s/m and
+    ``stiffness`` N/m are the sensor's; noises are standard deviations of the samples, white up
+    to the bandwidths (Hz; the Nyquist frequency at most); ``acceleration_uncertainty`` is the
+    relative standard uncertainty of that channel's gain. The stiffness serves the small
+    damping term only. Raises InputError on shapes and values that are not finite.
+    """
+    f, a = _checked(force, sample_rate), _checked(acceleration, sample_rate)
+    if f.shape != a.shape:
+        raise InputError(f'contact force: force {f.shape} and acceleration {a.shape} differ')
+    for name, value in (
+        ('mass', mass.value),
+        ('damping constant', damping_constant.value),
+        ('stiffness', stiffness),
+    ):
+        if not (math.isfinite(value) and value >= 0) or (
+            value == 0 and name != 'damping constant'
+        ):
+            raise InputError(f'contact force: the {name} is {value!r}; it must be above zero')
+    nyquist = sample_rate / 2
+    sigma_f, sigma_a = max(force_noise, 1e-9), max(acceleration_noise, 1e-9)
+    velocity, velocity_std = plate_velocity(
+        f / stiffness,
+        a,
+        sample_rate,
+        sigma_f / stiffness / math.sqrt(min(nyquist, force_bandwidth)),
+        sigma_a / math.sqrt(min(nyquist, acceleration_bandwidth)),
+    )
+    m, c = mass.value, damping_constant.value
+    contact = f + m * a + c * velocity
+    noise = math.sqrt(force_noise**2 + (m * acceleration_noise) ** 2 + (c * velocity_std) ** 2)
+    mass_std = math.hypot(_known(mass.std), m * acceleration_uncertainty)
+    systematic = np.hypot(mass_std * a, _known(damping_constant.std) * velocity)
+    # Interpolated channels have noise that goes together from sample to sample: a parabola
+    # averages as much of it as if it were this white noise.
+    white = math.hypot(
+        force_noise * math.sqrt(max(1.0, nyquist / force_bandwidth)),
+        m * acceleration_noise * math.sqrt(max(1.0, nyquist / acceleration_bandwidth)),
+    )
+    std = np.hypot(noise, systematic)
+    crest = find_peak(contact, sample_rate, white)
+    at = min(round(crest.time.value * sample_rate), contact.size - 1)
+    peak = Peak(
+        Estimate(crest.value.value, math.hypot(crest.value.std, systematic[at])), crest.time
+    )
+    return _result(f, contact, std, peak, force_noise, sample_rate, 'accelerometer')
+
+
+def contact_force_by_inversion(
+    force: ArrayLike,
+    sample_rate: float,
+    *,
+    natural_frequency: Estimate,
+    damping_ratio: Estimate,
+    force_noise: float,
+    spans: tuple[tuple[float, float], ...] = (),
+) -> ContactForce:
+    """Regularised inversion of eq. 24, where the plate has no accelerometer.
+
+    ``force`` N has shape (n_samples,), zero level removed, at rest at its beginning, with white
+    noise of standard deviation ``force_noise``; ``natural_frequency`` (undamped) in Hz. Contact
+    is possible in ``spans`` (start and end, s after the first sample; all of the record where
+    empty); outside the force is zero, which is what makes the answer firm. The band holds
+    noise, what the smoothing may have lost, the sensor's uncertainty and any misfit. Raises
+    EstimationError where the reading is lost in noise, InputError on shapes and values.
+    """
+    f = _checked(force, sample_rate)
+    w, zeta = 2 * math.pi * natural_frequency.value, damping_ratio.value
+    if not (math.isfinite(w) and w > 0 and math.isfinite(zeta) and zeta >= 0):
+        raise InputError(
+            f'contact force: natural frequency {natural_frequency.value!r} Hz and damping ratio '
+            f'{zeta!r} must be known'
+        )
+    if not (math.isfinite(force_noise) and force_noise > 0):
+        raise InputError(f'contact force: noise {force_noise!r} N must be above zero')
+    if np.abs(f).max() < 5 * force_noise:
+        raise EstimationError(
+            f'contact force: the reading does not rise above its noise of {force_noise:.3g} N'
+        )
+    touching = np.zeros(f.size, np.bool_)
+    time = np.arange(f.size) / sample_rate
+    for start, end in spans or ((0.0, math.inf),):
+        touching |= (time >= start) & (time <= end)
+    if not touching.any():
+        raise InputError(f'contact force: no sample lies in the spans {spans!r} s')
+    step, unit_noise = _transition(w, zeta, 1 / sample_rate)
+    size = float(np.abs(f).max())
+    duration = max(float(touching.sum()), 4.0) / sample_rate
+    unit = size**2 / duration**3
+    # The rate with which force may set in: all of it within a twentieth of the natural period.
+    onset = (size * w * 20 / (2 * math.pi)) ** 2
+
+    def misfit(exponent: float) -> float:
+        noise = 10.0**exponent * unit * unit_noise
+        return float(_filter(f, touching, step, noise, force_noise**2, onset)[0])
+
+    grid = np.arange(-3.0, 8.5, 1.0)
+    costs = [misfit(e) for e in grid]
+    i = int(np.argmin(costs))
+    best = minimize_scalar(
+        misfit, bounds=(grid[i] - 1, grid[i] + 1), method='bounded', options={'xatol': 0.05}
+    )
+    noise = 10.0**best.x * unit * unit_noise
+    states, variances = _smooth(f, touching, step, noise, force_noise**2, onset)
+    _, _, _, innovations, spreads = _filter(f, touching, step, noise, force_noise**2, onset)
+    # A sensor that is not the assumed one shows as surprises beyond the noise: widen the band.
+    variances *= max(1.0, float(np.mean(innovations**2 / spreads)))
+    contact = states[:, 2]
+    # f_i - f_o = f_o''/w² + 2 zeta f_o'/w: how the sensor's uncertainty enters.
+    damping = 2 * zeta * states[:, 1]
+    inertia = contact - states[:, 0] - damping
+    by_frequency = (
+        _known(natural_frequency.std) / natural_frequency.value * (2 * inertia + damping)
+    )
+    by_damping = 2 * _known(damping_ratio.std) * states[:, 1]
+    std = np.sqrt(np.maximum(variances, 0.0) + by_frequency**2 + by_damping**2)
+    crest = find_peak(contact, sample_rate, 0.0)
+    at = min(round(crest.time.value * sample_rate), contact.size - 1)
+    # Neighbouring errors go together here: a parabola averages nothing.
+    peak = Peak(Estimate(crest.value.value, float(std[at])), crest.time)
+    return _result(f, contact, std, peak, force_noise, sample_rate, 'inversion')
+
+
+def _result(
+    reading: Array,
+    contact: Array,
+    std: Array,
+    peak: Peak,
+    reading_noise: float,
+    sample_rate: float,
+    method: str,
+) -> ContactForce:
+    read = find_peak(reading, sample_rate, reading_noise).value
+    error = Estimate()
+    if peak.value.value > 0 and read.value > 0:
+        ratio = read.value / peak.value.value
+        spread = math.hypot(read.std / read.value, peak.value.std / peak.value.value)
+        error = Estimate(ratio - 1, ratio * spread)
+    return ContactForce(contact, std, method, peak, error)
+
+
+def _checked(values: ArrayLike, sample_rate: float) -> Array:
+    y = np.ascontiguousarray(values, np.float64)
+    if y.ndim != 1 or y.size < 4 or not np.isfinite(y).all():
+        raise InputError(
+            f'contact force: samples of shape {y.shape} must be 1-D, at least 4, and finite'
+        )
+    if not (math.isfinite(sample_rate) and sample_rate > 0):
+        raise InputError(f'contact force: sample rate {sample_rate!r} Hz must be above zero')
+    return y
+
+
+def _known(std: float) -> float:
+    return std if math.isfinite(std) else 0.0
+
+
+def _transition(w: float, zeta: float, h: float) -> tuple[Array, Array]:
+    """One sample's step of (reading, its rate over w, contact force, rate of force).
+
+    Returns the transition matrix and the covariance of unit process noise, both (4, 4), after
+    Van Loan 1978: the rate of force is a random walk.
+    """
+    a = np.zeros((4, 4))
+    a[0, 1] = w
+    a[1] = [-w, -2 * zeta * w, w, 0.0]
+    a[2, 3] = 1.0
+    block = np.zeros((8, 8))
+    block[:4, :4], block[4:, 4:] = -a, a.T
+    block[3, 7] = 1.0
+    exponential = expm(block * h)
+    step = exponential[4:, 4:].T
+    return np.ascontiguousarray(step), np.ascontiguousarray(step @ exponential[:4, 4:])
+
+
+@njit(cache=True)
+def _predict(
+    x: Array, p: Array, step: Array, noise: Array, touching: bool, begins: bool, onset: float
+) -> None:
+    """Advance mean (4,) and covariance (4, 4) by a sample, in place."""
+    y = np.zeros(4)
+    half, full = np.zeros((4, 4)), np.zeros((4, 4))
+    for i in range(4):
+        for j in range(4):
+            y[i] += step[i, j] * x[j]
+            for m in range(4):
+                half[i, j] += step[i, m] * p[m, j]
+    for i in range(4):
+        for j in range(4):
+            for m in range(4):
+                full[i, j] += half[i, m] * step[j, m]
+    for i in range(4):
+        x[i] = y[i]
+        for j in range(4):
+            p[i, j] = full[i, j] + (noise[i, j] if touching else 0.0)
+    if not touching or begins:  # nothing pushes: force and its rate are zero, and known to be
+        for i in range(2, 4):
+            x[i] = 0.0
+            for j in range(4):
+                p[i, j] = 0.0
+                p[j, i] = 0.0
+    if begins:
+        p[3, 3] = onset
+
+
+@njit(cache=True)
+def _filter(
+    y: Array, touching: NDArray[np.bool_], step: Array, noise: Array, variance: float, onset: float
+) -> tuple[float, Array, Array, Array, Array]:
+    """Kalman filter: minus log likelihood; predictions (n, 4), (n, 4, 4); innovations (n,) x2."""
+    n = y.size
+    means, covariances = np.empty((n, 4)), np.empty((n, 4, 4))
+    innovations, spreads = np.empty(n), np.empty(n)
+    x, p = np.zeros(4), np.zeros((4, 4))
+    p[0, 0] = p[1, 1] = variance
+    if touching[0]:
+        p[3, 3] = onset
+    cost = 0.0
+    gain = np.empty(4)
+    for k in range(n):
+        if k > 0:
+            begins = touching[k] and not touching[k - 1]
+            _predict(x, p, step, noise, touching[k], begins, onset)
+        means[k], covariances[k] = x, p
+        spread = p[0, 0] + variance
+        innovation = y[k] - x[0]
+        cost += 0.5 * (innovation * innovation / spread + math.log(spread))
+        innovations[k], spreads[k] = innovation, spread
+        for i in range(4):
+            gain[i] = p[i, 0] / spread
+        row = p[0].copy()
+        for i in range(4):
+            x[i] += gain[i] * innovation
+            for j in range(4):
+                p[i, j] -= gain[i] * row[j]
+    return cost, means, covariances, innovations, spreads
+
+
+@njit(cache=True)
+def _smooth(
+    y: Array, touching: NDArray[np.bool_], step: Array, noise: Array, variance: float, onset: float
+) -> tuple[Array, Array]:
+    """Fixed-interval smoother (modified Bryson-Frazier): states (n, 4), variance of force (n,)."""
+    n = y.size
+    _, means, covariances, innovations, spreads = _filter(
+        y, touching, step, noise, variance, onset
+    )
+    states, variances = np.empty((n, 4)), np.empty(n)
+    adjoint, curvature = np.zeros(4), np.zeros((4, 4))
+    update, transition = np.empty((4, 4)), np.empty((4, 4))
+    for k in range(n - 1, -1, -1):
+        p = covariances[k]
+        for i in range(4):
+            for j in range(4):
+                update[i, j] = 1.0 if i == j else 0.0
+            update[i, 0] -= p[i, 0] / spreads[k]
+        adjoint = update.T @ adjoint
+        curvature = update.T @ curvature @ update
+        adjoint[0] -= innovations[k] / spreads[k]
+        curvature[0, 0] += 1 / spreads[k]
+        states[k] = means[k] - p @ adjoint
+        row = p[2]
+        variances[k] = p[2, 2] - row @ (curvature @ np.ascontiguousarray(row))
+        if k > 0:
+            transition[:] = step
+            if not touching[k] or not touching[k - 1]:
+                transition[2:] = 0.0
+            adjoint = transition.T @ adjoint
+            curvature = transition.T @ curvature @ transition
+    return states, variances
