@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-import zipfile
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 import scipy.io  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
-from impactscope.errors import MissingChannelError, RecordingError
+from impactscope.errors import ImpactscopeError, MissingChannelError, RecordingError
 
 __all__ = ['ColumnFile', 'describe', 'read_columns']
 
@@ -79,18 +79,14 @@ class ColumnFile:
         return found
 
 
-def _table(
-    array: NDArray[np.generic], path: Path, name: str, transpose: bool
-) -> NDArray[np.float64]:
+def _table(array: NDArray[np.generic], path: Path, name: str) -> NDArray[np.float64]:
     if array.dtype.kind not in 'biuf' or array.ndim > 2:
         raise RecordingError(
             f'{name or "the array"!r} of {path.name!r} has {array.ndim} dimensions of '
             f'{array.dtype}; a table of real numbers is needed'
         )
     table = np.asarray(array, dtype=np.float64)
-    if table.ndim < 2:
-        return table.reshape(-1, 1)
-    return table.T if transpose else table
+    return table if table.ndim == 2 else table.reshape(-1, 1)
 
 
 def _numeric(fields: list[str]) -> bool:
@@ -113,14 +109,19 @@ def _read_text(path: Path, skip_rows: int | None, delimiter: str | None) -> Colu
         raise RecordingError(
             f'{path.name!r} is neither text (UTF-8), NumPy, MATLAB nor JSON'
         ) from error
+    tail = [line for line in lines[-100:] if line.strip()]
     if delimiter is None:
-        sample = lines[-1] if lines else ''
-        delimiter = next((d for d in _DELIMITERS if d in sample), None)
+        delimiter = next((d for d in _DELIMITERS if d in ''.join(tail[-10:])), None)
     first = skip_rows
     if first is None:
-        first = next(
-            (i for i, s in enumerate(lines) if _numeric(_split(s, delimiter))), len(lines)
-        )
+        # A header may hold numbers as well: the data are as wide as most of the last lines.
+        widths = Counter(len(_split(line, delimiter)) for line in tail).most_common(1)
+        first = len(lines)
+        for i, line in enumerate(lines):
+            fields = _split(line, delimiter)
+            if _numeric(fields) and len(fields) == widths[0][0]:
+                first = i
+                break
     rows = [(i, line) for i, line in enumerate(lines[first:], first + 1) if line.strip()]
     if not rows:
         raise RecordingError(f'{path.name!r} has no rows of numbers after {first} header lines')
@@ -154,7 +155,7 @@ def _read_json(path: Path) -> ColumnFile:
     for name, value in content.items():
         array = np.array(value) if isinstance(value, list) else None
         if array is not None and array.dtype.kind in 'biuf':
-            arrays[str(name)] = _table(array, path, str(name), transpose=False)
+            arrays[str(name)] = _table(array, path, str(name))
     if not arrays:
         raise RecordingError(f'{path.name!r} holds no table of numbers')
     return ColumnFile(path, arrays)
@@ -166,7 +167,7 @@ def _read_matlab(path: Path) -> ColumnFile:
         if not name.startswith('__') and getattr(array, 'dtype', np.dtype(object)).kind in 'biuf':
             # MATLAB's vectors are tables of one row or one column.
             lying = array.ndim == 2 and array.shape[0] == 1
-            arrays[name] = _table(array, path, name, transpose=lying)
+            arrays[name] = _table(array.T if lying else array, path, name)
     if not arrays:
         raise RecordingError(f'{path.name!r} holds no numeric variables')
     return ColumnFile(path, arrays)
@@ -183,8 +184,9 @@ def read_columns(
 
     Args:
         path: text (CSV and the like), .npy, .npz, MATLAB up to version 7.2, or JSON.
-        skip_rows: header lines of a text file; None: up to the first line of numbers.
-        delimiter: of a text file; None: found from the last line; blanks where none is there.
+        skip_rows: header lines of a text file; None: up to the first line of as many numbers as
+            most lines have.
+        delimiter: of a text file; None: found from the last lines; blanks where none is there.
         transpose: whether the rows of the file's tables are the channels.
 
     Raises RecordingError where it is missing, of another kind, or not a table of numbers.
@@ -198,29 +200,31 @@ def read_columns(
     if not head:
         raise RecordingError(f'{path.name!r} is empty (0 bytes)')
     try:
-        if head.startswith(_NUMPY_MAGIC):
-            arrays = {'': np.load(path, allow_pickle=False)}
-        elif head.startswith(_ZIP_MAGIC):
-            with np.load(path, allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files}
-        elif head.startswith(_MATLAB_MAGIC):
-            found = _read_matlab(path)
-            return _transposed(found) if transpose else found
-        elif head.startswith((_HDF5_MAGIC, b'MATLAB 7.3')):
-            raise RecordingError(
-                f'{path.name!r} is a MATLAB 7.3 (HDF5) file: save it anew with `save -v7`'
-            )
-        elif head.lstrip()[:1] in (b'{', b'['):
-            found = _read_json(path)
-            return _transposed(found) if transpose else found
-        else:
-            found = _read_text(path, skip_rows, delimiter)
-            return _transposed(found) if transpose else found
-    except (ValueError, TypeError, KeyError, EOFError, OSError, zipfile.BadZipFile) as error:
-        raise RecordingError(f'{path.name!r} cannot be read as a table ({error})') from error
-    return ColumnFile(
-        path, {name: _table(array, path, name, transpose) for name, array in arrays.items()}
-    )
+        found = _parse(path, head, skip_rows, delimiter)
+    except ImpactscopeError:
+        raise
+    except Exception as error:  # whatever the formats' readers raise on hostile bytes
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise RecordingError(f'{path.name!r} cannot be read as a table ({reason})') from error
+    return _transposed(found) if transpose else found
+
+
+def _parse(path: Path, head: bytes, skip_rows: int | None, delimiter: str | None) -> ColumnFile:
+    if head.startswith(_NUMPY_MAGIC):
+        return ColumnFile(path, {'': _table(np.load(path, allow_pickle=False), path, '')})
+    if head.startswith(_ZIP_MAGIC):
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: _table(archive[name], path, name) for name in archive.files}
+        return ColumnFile(path, arrays)
+    if head.startswith(_MATLAB_MAGIC):
+        return _read_matlab(path)
+    if head.startswith((_HDF5_MAGIC, b'MATLAB 7.3')):
+        raise RecordingError(
+            f'{path.name!r} is a MATLAB 7.3 (HDF5) file: save it anew with `save -v7`'
+        )
+    if head.lstrip()[:1] in (b'{', b'['):
+        return _read_json(path)
+    return _read_text(path, skip_rows, delimiter)
 
 
 def _transposed(file: ColumnFile) -> ColumnFile:
@@ -229,9 +233,16 @@ def _transposed(file: ColumnFile) -> ColumnFile:
     return ColumnFile(file.path, arrays)
 
 
-def describe(path: str | Path, *, transpose: bool = False) -> list[str]:
+def describe(
+    path: str | Path,
+    *,
+    skip_rows: int | None = None,
+    delimiter: str | None = None,
+    transpose: bool = False,
+) -> list[str]:
     """The columns of a file, one line each: what to name them, and how many rows they have.
 
-    Raises RecordingError as :func:`read_columns` does.
+    Takes and raises what :func:`read_columns` does.
     """
-    return read_columns(path, transpose=transpose).keys()
+    file = read_columns(path, skip_rows=skip_rows, delimiter=delimiter, transpose=transpose)
+    return file.keys()

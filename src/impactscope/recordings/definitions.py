@@ -140,8 +140,10 @@ def has_current_layout(text: str, type_name: str) -> bool:
         text: the recording's own definition; empty where it carries none (then it is assumed).
         type_name: for example ``impactscope/msg/SampleBlock``.
     """
+    if not type_known(type_name):
+        return False
     if not text.strip():
-        return type_known(type_name)
+        return True
     try:
         found = get_types_from_msg(text, type_name)
     except DECODING_ERRORS:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import mmap
+import zlib
 from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -32,6 +33,7 @@ __all__ = ['MAGIC', 'McapSource']
 
 MAGIC = b'\x89MCAP0\r\n'
 _FOOTER, _SCHEMA, _CHANNEL = 2, 3, 4
+_DATA_END = 15
 _ATTACHMENT, _STATISTICS, _METADATA = 9, 11, 12
 _LARGEST_SMALL_RECORD = 1 << 24  # bytes; a definition, a topic or a metadata record
 _KEPT_MAPPED = 1 << 26  # bytes of the file behind the reader that stay resident
@@ -81,16 +83,20 @@ class McapSource:
         self._octets = np.frombuffer(self._buffer, np.uint8)
         closed = len(self._buffer) >= 16 and self._buffer[-8:] == MAGIC
         self._stop = len(self._buffer) - (8 if closed else 0)
+        self._in_summary = False
+        self._trusted = closed and self._summary_sound()
         footer = self._scan()
         self._counts: Counter[int] = Counter()
-        if closed and footer and self._statistics and (self._channels or not self._parts):
+        if self._trusted and self._statistics and (self._channels or not self._parts):
             self._counts.update(self._statistics.counts)
             if self._statistics.messages:
                 self.start_ns = self._statistics.start_ns
                 self.end_ns = self._statistics.end_ns
         else:
-            if not (closed and footer) and not self.damage:
+            if not self.damage and not (closed and footer):
                 self._note(self.damage, len(self._buffer), _UNCLOSED)
+            elif not self.damage and not self._trusted:
+                self._note(self.damage, self._stop, 'the closing records fail their checksum')
             self._survey()
         self._ids = list(self._channels)
         self.counts = [self._counts.get(number, 0) for number in self._ids]
@@ -100,7 +106,7 @@ class McapSource:
 
     def close(self) -> None:
         """Let go of the file; what was delivered stays valid."""
-        del self._octets
+        self._octets = np.empty(0, np.uint8)
         with contextlib.suppress(BufferError):  # a batch refers to it: the last one closes it
             self._buffer.close()
 
@@ -171,6 +177,20 @@ class McapSource:
                     break
         return footer
 
+    def _summary_sound(self) -> bool:
+        """Whether the footer is where it should be, and its checksum of the summary right."""
+        footer = self._stop - 29  # opcode, length, start, start of offsets, checksum
+        if footer < 8 or self._buffer[footer : footer + 9] != b'\x02\x14' + bytes(7):
+            return False
+        start = int.from_bytes(self._buffer[footer + 9 : footer + 17], 'little')
+        checksum = int.from_bytes(self._buffer[self._stop - 4 : self._stop], 'little')
+        if not checksum or not start:
+            return start <= footer
+        if not 8 <= start <= footer:
+            return False
+        with memoryview(self._buffer) as whole, whole[start : self._stop - 4] as summary:
+            return zlib.crc32(summary) == checksum
+
     def _add_chunk(self, offset: int) -> None:
         try:
             self._parts.append(read_header(self._octets, offset, self._stop))
@@ -198,7 +218,11 @@ class McapSource:
         return following
 
     def _small_record(self, opcode: int, offset: int, content: int, length: int) -> None:
+        if opcode == _DATA_END:
+            self._in_summary = True
         if opcode not in (_SCHEMA, _CHANNEL, _STATISTICS, _METADATA, _ATTACHMENT):
+            return
+        if self._in_summary and not self._trusted:
             return
         try:
             if opcode == _ATTACHMENT:
@@ -217,13 +241,15 @@ class McapSource:
             self._note(self.damage, offset, str(error))
 
     def _declare(self, opcode: int, content: bytes) -> None:
-        """The first description of a channel or schema holds: the file may repeat them."""
+        """The first description of a channel or schema holds, unless the summary repeats it."""
         if opcode == _SCHEMA:
             schema = McapSchema.parse(content)
-            self._schemas.setdefault(schema.id, schema)
+            if self._in_summary or schema.id not in self._schemas:
+                self._schemas[schema.id] = schema
         elif opcode == _CHANNEL:
             channel = McapChannel.parse(content)
-            self._channels.setdefault(channel.id, channel)
+            if self._in_summary or channel.id not in self._channels:
+                self._channels[channel.id] = channel
 
     def _connection(self, channel: McapChannel) -> Connection:
         schema = self._schemas.get(channel.schema_id)
@@ -239,6 +265,7 @@ class McapSource:
     def _survey(self) -> None:
         """Read everything once for what the closing records would have said."""
         ignored: list[Damage] = []  # each pass notes it anew
+        self._in_summary = False
         first, last = _LAST, -1
         for part in self._parts:
             walked = self._read(part, ignored)

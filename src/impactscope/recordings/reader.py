@@ -58,6 +58,7 @@ class Recording:
         self._path = path
         self._sources = sources
         self._tolerate_damage = tolerate_damage
+        self._closed = False
         self._opening_damage = (*damage, *(d for s in sources for d in s.damage))
         self.damage: tuple[Damage, ...] = self._opening_damage
         self.info = _describe(path, sources, notes, self.damage)
@@ -75,6 +76,7 @@ class Recording:
 
     def close(self) -> None:
         """Let go of the files; records that were delivered stay valid."""
+        self._closed = True
         for source in self._sources:
             source.close()
 
@@ -165,6 +167,8 @@ class Recording:
     def _check(self, topics: Collection[str] | None, readings: Collection[Reading]) -> None:
         if isinstance(topics, str):
             raise TypeError(f'topics is the string {topics!r}; a collection of strings is needed')
+        if self._closed:
+            raise RecordingError(f'{self._path.name!r} is closed')
         if not self.info.message_count and not self.info.damage:
             raise RecordingError(f'{self._path.name!r} is a recording without any message')
         for topic in topics or ():
@@ -273,7 +277,7 @@ def _files_of_folder(folder: Path) -> tuple[list[Path], tuple[str, ...]]:
         )
     files = []
     for name in names:
-        file = folder / name
+        file = folder / name.replace('\0', '')
         if not file.resolve().is_relative_to(folder.resolve()):
             raise RecordingError(f'{folder.name}/metadata.yaml names a file elsewhere: {name!r}')
         if not file.is_file():

@@ -20,7 +20,8 @@ __all__ = ['MAGIC', 'SqliteSource']
 
 MAGIC = b'SQLite format 3\0'
 _BATCH_BYTES = 1 << 20
-_LAST = (1 << 63) - 1
+# The library decodes its own messages, which may quote what is damaged.
+_ERRORS = (sqlite3.Error, UnicodeDecodeError)
 
 
 class SqliteSource:
@@ -39,7 +40,7 @@ class SqliteSource:
         self.start_ns = self.end_ns = 0
         try:
             self._database = self._open()
-        except sqlite3.Error as error:
+        except _ERRORS as error:
             raise RecordingError(
                 f'{path.name!r} is an SQLite file but cannot be read as a recording ({error})'
             ) from error
@@ -95,7 +96,7 @@ class SqliteSource:
                     self.counts[self._index[number]] = count
             query = 'SELECT MIN(timestamp), MAX(timestamp) FROM messages'
             start, end = database.execute(query).fetchone()
-        except sqlite3.DatabaseError as error:
+        except _ERRORS as error:
             what = f'the database is damaged ({error}): what cannot be read is lost'
             self.damage = [Damage(self.path.name, 0, what)]
         else:
@@ -131,7 +132,7 @@ class SqliteSource:
                     if size >= _BATCH_BYTES:
                         yield [_pack(rows)]
                         rows, size = [], 0
-        except sqlite3.Error as error:
+        except _ERRORS as error:
             what = (
                 f'the database is damaged after {delivered} messages ({error}); the rest is lost'
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import os
 import re
@@ -112,10 +113,14 @@ class RecordingWriter:
         self._failure: OSError | None = None
         self._closing = threading.Event()
         self._interval = flush_interval
-        self._writer.start(profile='ros2', library=f'impactscope {__version__}')
-        for name, pairs in (metadata or {}).items():
-            self._writer.add_metadata(name, {str(k): str(v) for k, v in pairs.items()})
-        self._writer.flush()  # type: ignore[no-untyped-call]
+        try:
+            self._writer.start(profile='ros2', library=f'impactscope {__version__}')
+            for name, pairs in (metadata or {}).items():
+                self._writer.add_metadata(name, {str(k): str(v) for k, v in pairs.items()})
+            self._flush()
+        except OSError as error:
+            self._abandon(error)
+            raise self._error() from error
         self._thread = threading.Thread(
             target=self._flush_regularly, name=f'flush {self.path.name}', daemon=True
         )
@@ -174,7 +179,7 @@ class RecordingWriter:
                 self._writer.add_message(known.channel, log_ns, cdr, publish_ns)
             except OSError as error:
                 self._failure = error
-                self._check()
+                raise self._error() from error
 
     def write_block(
         self, block: SampleBlock, topic: str | None = None, log_ns: int | None = None
@@ -226,10 +231,14 @@ class RecordingWriter:
 
     def flush(self) -> None:
         """Close the current chunk and have all written to the disk."""
-        with self._lock:
-            self._check()
-            self._flush()
-        os.fsync(self._file.fileno())
+        try:
+            with self._lock:
+                self._check()
+                self._flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            self._failure = error
+            raise self._error() from error
 
     def close(self) -> None:
         """Write the index and close the file; a second call does nothing."""
@@ -244,10 +253,11 @@ class RecordingWriter:
                     self._writer.finish()  # type: ignore[no-untyped-call]
                     self._file.flush()
                     os.fsync(self._file.fileno())
+                    self._file.close()
             except OSError as error:
                 self._failure = error
-            finally:
-                self._file.close()
+            if self._failure is not None:
+                self._abandon(self._failure)
         if self._failure is not None:
             raise self._error() from self._failure
 
@@ -276,6 +286,12 @@ class RecordingWriter:
     def _error(self) -> RecordingError:
         reason = self._failure.strerror if self._failure else ''
         return RecordingError(f'{self.path.name!r} cannot be written: {reason}')
+
+    def _abandon(self, failure: OSError) -> None:
+        """Close a file that cannot be written; what is in it stays."""
+        self._failure = failure
+        with contextlib.suppress(OSError):  # closing tries to write what is left
+            self._file.close()
 
     def _flush(self) -> None:
         self._writer.flush()  # type: ignore[no-untyped-call]

@@ -1,0 +1,333 @@
+"""Files of columns to recordings: units, times, flags, provenance, refusals."""
+
+import contextlib
+import json
+import math
+
+import numpy as np
+import pytest
+import scipy.io
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from impactscope.errors import (
+    ConfigurationError,
+    ImpactscopeError,
+    InputError,
+    MissingChannelError,
+    RecordingError,
+)
+from impactscope.recordings import (
+    UNITS,
+    ColumnMapping,
+    ColumnSpec,
+    convert,
+    describe,
+    file_sha256,
+    open_recording,
+    read_columns,
+    read_streams,
+    to_si,
+)
+from impactscope.records import ContactKind, Quality, SampleBlock, TestPoint
+
+
+def stream(path, channel):
+    """Blocks of a channel, and their values in one piece."""
+    with open_recording(path) as recording:
+        blocks = [
+            b
+            for b in read_streams(recording)
+            if isinstance(b, SampleBlock) and b.channel == channel
+        ]
+    return blocks, np.concatenate([b.values for b in blocks])
+
+
+@pytest.fixture
+def table():
+    """Time s, force kN, acceleration g at 1 kHz."""
+    rng = np.random.default_rng(5)
+    time = np.arange(250) / 1000.0
+    return np.column_stack([time, rng.normal(size=250), rng.normal(size=250)])
+
+
+def files(table, folder):
+    """The same table in every kind of file: path, keys of its columns, options."""
+    np.savetxt(folder / 'a.csv', table, delimiter=',', header='t,Fz,a', comments='')
+    yield folder / 'a.csv', ('t', 'Fz', 'a'), {}
+    np.savetxt(folder / 'b.txt', table, header='made by\nhand', comments='')
+    yield folder / 'b.txt', (0, 1, 2), {}
+    np.savetxt(folder / 'c.csv', table, delimiter=';', header='1;2\n7', comments='')
+    yield folder / 'c.csv', (0, 1, 2), {}
+    np.save(folder / 'd.npy', table.T)
+    yield folder / 'd.npy', (0, 1, 2), {'transpose': True}
+    np.savez(folder / 'e.npz', t=table[:, 0], data=table[:, 1:])
+    yield folder / 'e.npz', ('t', 'data[0]', 'data[1]'), {}
+    scipy.io.savemat(folder / 'f.mat', {'t': table[:, 0], 'F': table[:, 1:2], 'acc': table[:, 2]})
+    yield folder / 'f.mat', ('t', 'F', 'acc'), {}
+    (folder / 'g.json').write_text(json.dumps({'data': table.tolist()}))
+    yield folder / 'g.json', ('data[0]', 'data[1]', 'data[2]'), {}
+
+
+def test_every_kind_of_file_gives_the_same_recording(table, tmp_path):
+    for path, (time, force, acceleration), options in files(table, tmp_path):
+        mapping = ColumnMapping(
+            (
+                ColumnSpec('force', force, 'kN', scale=-1.0),
+                ColumnSpec('acceleration.plate', acceleration, 'g', frame_id='plate'),
+            ),
+            time=time,
+            start_ns=10**18,
+            **options,
+        )
+        made = convert(path, path.with_suffix('.mcap'), mapping, overwrite=True)
+        assert (made.samples, made.sample_rate) == (250, 1000.0)
+        assert made.quality is Quality.NONE
+        blocks, values = stream(made.path, 'force')
+        assert values == pytest.approx(-1000 * table[:, 1], rel=1e-6)
+        assert {b.unit for b in blocks} == {'N'}
+        assert [b.first_index for b in blocks] == [*range(0, 250, 20), 250]
+        assert [b.stamp_ns for b in blocks] == [10**18 + 10**6 * b.first_index for b in blocks]
+        assert blocks[-1].is_end
+        assert blocks[0].received_ns == blocks[1].stamp_ns
+        blocks, values = stream(made.path, 'acceleration.plate')
+        assert values == pytest.approx(9.80665 * table[:, 2], rel=1e-6)
+        assert blocks[0].frame_id == 'plate'
+        assert len(describe(path, transpose=options.get('transpose', False))) == 3
+
+
+def test_same_input_same_bytes_and_provenance(table, tmp_path):
+    np.save(tmp_path / 'a.npy', table)
+    mapping = ColumnMapping.from_strings(
+        ['force=1:N'], sample_rate=1000.0, provenance={'licence': 'MIT'}
+    )
+    contents = []
+    for name in ('a.mcap', 'b.mcap'):
+        convert(tmp_path / 'a.npy', tmp_path / name, mapping)
+        contents.append((tmp_path / name).read_bytes())
+    assert contents[0] == contents[1]
+    with open_recording(tmp_path / 'a.mcap') as recording:
+        provenance = recording.info.provenance
+    assert provenance['licence'] == 'MIT'
+    assert provenance['source_file'] == 'a.npy'
+    assert provenance['source_sha256'] == file_sha256(tmp_path / 'a.npy')
+    assert provenance['column.force'] == '1 [N]'
+    assert 'impactscope' in provenance['converter']
+    with pytest.raises(RecordingError, match='exists already'):
+        convert(tmp_path / 'a.npy', tmp_path / 'a.mcap', mapping)
+
+
+def test_flags_of_values_that_cannot_be_trusted(tmp_path):
+    values = np.zeros(100)
+    values[[25, 45]] = np.nan, 10.0
+    values[65] = -10.0
+    values[85] = 1e300  # finite, but not as a 32-bit number
+    np.save(tmp_path / 'a.npy', values)
+    mapping = ColumnMapping(
+        (ColumnSpec('force', 0, 'N', range_min=-10.0, range_max=10.0),), sample_rate=1000.0
+    )
+    made = convert(tmp_path / 'a.npy', tmp_path / 'a.mcap', mapping)
+    blocks, found = stream(made.path, 'force')
+    clipped, broken = Quality.CLIPPED, Quality.NOT_FINITE
+    assert [b.quality for b in blocks] == [
+        Quality.NONE, broken, clipped, clipped, clipped | broken, Quality.NONE,
+    ]  # fmt: skip
+    assert np.isnan(found[25])
+    assert np.isinf(found[85])
+    assert made.quality == clipped | broken
+    assert blocks[0].range_max == 10.0
+
+
+def test_test_point_goes_along(tmp_path):
+    np.save(tmp_path / 'a.npy', np.zeros(10))
+    point = TestPoint(id='p', body_region='chest', contact=ContactKind.FREE)
+    mapping = ColumnMapping(
+        (ColumnSpec('force', 0, 'N'),), sample_rate=10.0, start_ns=10**18, test_point=point
+    )
+    convert(tmp_path / 'a.npy', tmp_path / 'a.mcap', mapping)
+    with open_recording(tmp_path / 'a.mcap') as recording:
+        _, log_ns, first = next(recording.records())
+    assert (log_ns, first.id, first.start_ns) == (10**18, 'p', 10**18)
+
+
+@given(
+    rate=st.floats(0.5, 2e5),
+    count=st.integers(2, 300),
+    start=st.floats(-1e3, 1e3),
+    jitter=st.floats(0, 0.05),
+)
+@settings(max_examples=50, deadline=None)
+def test_rate_is_found_from_uniform_times(tmp_path_factory, rate, count, start, jitter):
+    rng = np.random.default_rng(count)
+    folder = tmp_path_factory.mktemp('rate')
+    times = start + (np.arange(count) + jitter * rng.uniform(-1, 1, count)) / rate
+    np.save(folder / 'a.npy', np.column_stack([times, times]))
+    mapping = ColumnMapping((ColumnSpec('x', 1, 's'),), time=0)
+    made = convert(folder / 'a.npy', folder / 'a.mcap', mapping, time_tolerance=0.2)
+    resolution = 1e-12 * rate * 1e3  # of a double at 1000 s, in sample periods
+    assert made.sample_rate == pytest.approx(rate, rel=(2 * jitter + resolution) / (count - 1))
+
+
+def test_times_that_are_not_uniform_are_refused(tmp_path):
+    def attempt(times, **options):
+        np.save(tmp_path / 'a.npy', np.column_stack([times, np.zeros(len(times))]))
+        mapping = ColumnMapping((ColumnSpec('force', 1, 'N'),), time=0, **options)
+        convert(tmp_path / 'a.npy', tmp_path / 'b.mcap', mapping)
+
+    uniform = np.arange(100) / 1000.0
+    late = uniform.copy()
+    late[40] += 0.0005
+    with pytest.raises(InputError, match=r'not uniform at 1000 Hz: row 40 is 0\.0005 s off, 0\.5'):
+        attempt(late)
+    back = uniform.copy()
+    back[7] = back[5]
+    with pytest.raises(InputError, match='row 7: the time does not advance'):
+        attempt(back)
+    hole = uniform.copy()
+    hole[3] = np.nan
+    with pytest.raises(InputError, match='row 3: the time is nan'):
+        attempt(hole)
+    with pytest.raises(InputError, match='not uniform at 999 Hz'):
+        attempt(np.arange(2000) / 1000.0, sample_rate=999.0)
+    with pytest.raises(InputError, match='not uniform at 1 Hz'):
+        attempt(uniform, time_unit='s', sample_rate=1.0)
+    assert not (tmp_path / 'b.mcap').exists()
+    attempt(uniform * 1000, time_unit='ms', sample_rate=1000.0)
+
+
+def test_columns_that_are_not_there_or_differ_in_length(tmp_path):
+    np.savez(tmp_path / 'a.npz', t=np.zeros(5), long=np.zeros(6), wide=np.zeros((5, 2)))
+    for key, message in [
+        ('x', r"no column 'x'; it has t \(5 rows\), long \(6 rows\), wide\[0\]"),
+        ('wide', r"2 columns: name one, as in 'wide\[0\]'"),
+        ('wide[2]', 'no column'),
+        ('wide[', 'no column'),
+        (0, 'no column 0'),
+    ]:
+        with pytest.raises(MissingChannelError, match=message):
+            read_columns(tmp_path / 'a.npz').column(key)
+    mapping = ColumnMapping.from_strings(['a=t:N', 'b=long:N'], sample_rate=1.0)
+    with pytest.raises(InputError, match=r"'long' of 'a.npz' has 6 rows, column 't' has 5"):
+        convert(tmp_path / 'a.npz', tmp_path / 'a.mcap', mapping)
+
+
+@pytest.mark.parametrize(
+    ('name', 'content', 'message'),
+    [
+        ('a.csv', b'', 'is empty'),
+        ('a.csv', b'only,words\nand,more\n', 'no rows of numbers'),
+        ('a.csv', b't,F\n0,1\n1,two\n', r"line 3, column 1: 'two' is no number"),
+        ('a.csv', b'0,1\n1\n', 'line 2: 1 columns instead of 2'),
+        ('a.csv', b'\xff\xfe\x00\x01', 'neither text'),
+        ('a.npy', b'\x93NUMPY\x01\x00', 'cannot be read as a table'),
+        ('a.npz', b'PK\x03\x04junk', 'cannot be read as a table'),
+        ('a.mat', b'MATLAB 5.0 MAT-file' + b' ' * 200, 'a.mat'),
+        ('a.mat', b'\x89HDF\r\n\x1a\n', 'save -v7'),
+        ('a.json', b'{"a": "b"}', 'no table of numbers'),
+        ('a.json', b'{"a": [[1], [2, 3]]}', 'cannot be read as a table'),
+    ],
+)
+def test_files_that_are_no_tables(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(RecordingError, match=message):
+        read_columns(tmp_path / name)
+
+
+def test_pickles_and_complex_numbers_are_refused(tmp_path):
+    np.save(tmp_path / 'a.npy', np.array([{}], dtype=object), allow_pickle=True)
+    with pytest.raises(RecordingError):
+        read_columns(tmp_path / 'a.npy')
+    np.save(tmp_path / 'b.npy', np.zeros(3, complex))
+    with pytest.raises(RecordingError, match='real numbers'):
+        read_columns(tmp_path / 'b.npy')
+    with pytest.raises(RecordingError, match='cannot be read'):
+        read_columns(tmp_path / 'nothing.csv')
+
+
+def test_missing_fields_become_nan(tmp_path):
+    (tmp_path / 'a.csv').write_text('t,F\n0,1\n1,\n2,nan\n')
+    column = read_columns(tmp_path / 'a.csv').column('F')
+    assert column[0] == 1
+    assert np.isnan(column[1:]).all()
+
+
+@given(
+    st.binary(max_size=300), st.sampled_from([b'', b'\x93NUMPY', b'PK\x03\x04', b'{', b'1,2\n'])
+)
+@settings(max_examples=200, deadline=None)
+def test_any_bytes_give_a_table_or_an_error_of_ours(tmp_path_factory, content, head):
+    path = tmp_path_factory.mktemp('any') / 'a'
+    path.write_bytes(head + content)
+    with contextlib.suppress(ImpactscopeError):
+        assert read_columns(path).arrays
+
+
+def test_factors_of_units():
+    """Against definitions: standard gravity, the international pound and inch."""
+    pound_force = 0.45359237 * 9.80665
+    assert to_si('lbf') == ('N', pytest.approx(pound_force, rel=1e-15))
+    assert to_si('kip') == ('N', pytest.approx(4448.2216152605, rel=1e-15))
+    assert to_si('g') == ('m/s^2', 9.80665)
+    assert to_si('inch') == ('m', 0.0254)
+    assert to_si('deg') == ('rad', math.pi / 180)
+    assert to_si(' m/s² ') == to_si('m/s^2') == ('m/s^2', 1.0)
+    for si_unit, _ in UNITS.values():
+        assert UNITS[si_unit] == (si_unit, 1.0)
+    with pytest.raises(ConfigurationError, match=r"unit 'furlong' is not known; known are N, mN"):
+        to_si('furlong')
+
+
+def test_mapping_from_yaml_and_from_strings(tmp_path):
+    (tmp_path / 'm.yaml').write_text(
+        'channels:\n'
+        '  force.hammer: {column: 1, unit: kN, range_max: 500}\n'
+        '  acceleration: {column: acc, unit: g}\n'
+        'time: 0\ntime_unit: ms\ntranspose: true\n'
+        'provenance: {year: 2024}\n'
+        'test_point: {id: p1, body_region: chest, contact: 1, speed: 0.25}\n'
+    )
+    mapping = ColumnMapping.from_yaml(tmp_path / 'm.yaml')
+    first, second = mapping.channels
+    assert (first.channel, first.column, first.unit) == ('force.hammer', 1, 'kN')
+    assert first.range_max == 500
+    parsed = ColumnSpec.parse('acceleration = acc : g')
+    assert (parsed.channel, parsed.column, parsed.unit) == ('acceleration', 'acc', 'g')
+    assert (second.channel, second.column, second.unit) == ('acceleration', 'acc', 'g')
+    assert ColumnSpec.parse('force=12:m/s^2').column == 12
+    assert (mapping.time, mapping.time_unit, mapping.transpose) == (0, 'ms', True)
+    assert mapping.provenance == {'year': '2024'}
+    assert mapping.test_point.speed == 0.25
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('[1, 2', 'cannot be read'),
+        ('just text', 'no names and values'),
+        ('time: 0', 'needs `channels`'),
+        ('channels: {}\ntime: 0', 'without channels'),
+        ('channels: {f: {unit: N}}\ntime: 0', "'f' of the mapping names no column"),
+        ('channels: {f: {column: 0, unit: N}}', 'neither a time column nor a sample rate'),
+        ('channels: {f: {column: 0, unit: N}}\nsample_rate: -1', 'sample_rate is -1'),
+        ('channels: {f: {column: 0, unit: N}}\nsample_rate: fast', 'wrong kind'),
+        ('channels: {f: {column: 0, unit: N}}\ntime: 1\ntime_unit: N', 'no unit of time'),
+        ('channels: {f: {column: 0, unit: N}}\ntime: 1\nrate: 5', "unknown 'rate'; known are"),
+        ('channels: {f: {column: 0, unit: stone}}\ntime: 1', "unit 'stone' is not known"),
+        ('channels: {f: {column: 0, gain: 2}}\ntime: 1', "unknown 'gain'"),
+        ('channels: {f: {column: 0, scale: 0}}\ntime: 1', 'scale is 0'),
+        ('channels: {f: {column: 0}}\ntime: 1\ntest_point: {name: x}', "unknown 'name'"),
+        ('channels: {f: {column: 0}}\ntime: 1\nstart_ns: -1', 'start_ns is -1'),
+    ],
+)
+def test_mappings_that_do_not_hold_together(tmp_path, text, message):
+    (tmp_path / 'm.yaml').write_text(text)
+    with pytest.raises(ConfigurationError, match=message):
+        ColumnMapping.from_yaml(tmp_path / 'm.yaml')
+
+
+def test_strings_that_are_no_mapping():
+    for text in ('force', 'force=1', 'force=:N', '=1:N'):
+        with pytest.raises(ConfigurationError):
+            ColumnSpec.parse(text)
+    with pytest.raises(ConfigurationError, match="'a' is mapped more than once"):
+        ColumnMapping.from_strings(['a=0:N', 'a=1:N'], sample_rate=1.0)
