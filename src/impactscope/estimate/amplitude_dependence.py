@@ -8,12 +8,12 @@ away and still reaches a high R².
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impactscope.errors import EstimationError
+from impactscope.errors import EstimationError, InputError
 from impactscope.estimate import free_oscillation as model
 from impactscope.records import Estimate
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 FEWEST_WINDOWS = 3
 RELATIVE_NOISE = 0.1  # largest standard uncertainty of a window's amplitude over the amplitude
-PARAMETERS = model.PARAMETERS
+PERIODS = (2.0, 1.5, 1.0)  # lengths of windows that are tried
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,6 +32,8 @@ class AmplitudeDependence:
 
     Arrays have shape (n_windows,). A slope is the change while the amplitude grows e-fold.
     The p-values are the chance of so large a slope if the oscillation is linear.
+    ``viscous_damping`` and ``linear_frequency`` extrapolate, by what varies as one over the
+    amplitude (dry friction) and by what varies as the amplitude (quadratic damping).
     """
 
     time: Array  # s after the first sample, middle of the window
@@ -40,6 +42,8 @@ class AmplitudeDependence:
     frequency_std: Array
     damping_ratio: Array
     damping_ratio_std: Array
+    viscous_damping: tuple[float, float]  # damping ratio left at large, at small amplitude
+    linear_frequency: tuple[float, float]  # Hz, likewise
     frequency_slope: Estimate  # Hz
     damping_slope: Estimate
     frequency_p: float
@@ -56,7 +60,7 @@ def amplitude_dependence(
     sample_rate: float,
     *,
     fit: model.FreeOscillationFit | None = None,
-    periods: float = 2.0,
+    periods: float | None = None,
 ) -> AmplitudeDependence:
     """Fit eq. 27 in consecutive windows of a free oscillation.
 
@@ -64,53 +68,31 @@ def amplitude_dependence(
         values: Shape (n_samples,), free vibration from the first sample.
         sample_rate: Hz.
         fit: The fit of the same samples, where there is one already.
-        periods: Length of a window in damped periods; at least 1.5.
+        periods: Length of a window in damped periods, at least 1; the longest of 2, 1.5 and 1
+            that leaves three windows where not given.
 
     Raises:
-        InputError: values that are not a finite vector.
+        InputError: values that are not a finite vector, or windows below one period.
         EstimationError: fewer than three windows stand clear of the noise.
     """
-    if not periods >= 1.5:
-        raise EstimationError(f'a window of {periods!r} periods is too short; 1.5 are needed')
+    if periods is not None and not periods >= 1.0:
+        raise InputError(f'a window of {periods!r} periods is too short; 1 is the least')
     y = np.array(values, dtype=np.float64)
     if fit is None:
         fit = model.fit_free_oscillation(y, sample_rate)
-    size = max(math.ceil(periods * sample_rate / fit.damped_frequency.value), 12)
-    rows: list[tuple[float, ...]] = []
-    rss, dof = 0.0, 0
-    start = (fit.damped_frequency.value, fit.decay_rate.value)
-    for first in range(0, y.size - size + 1, size):
-        part, _ = model.centred(y[first : first + size], sample_rate)
-        try:
-            found = model.solve(part, model.in_span_units(start, size, sample_rate))
-        except EstimationError:
+    windows = _Windows()
+    for length in PERIODS if periods is None else (periods,):
+        windows = _fit_windows(y, fit, length)
+        if len(windows.rows) >= FEWEST_WINDOWS:
             break
-        half = math.exp(-0.5 * found.s)
-        amplitude = half * math.hypot(float(found.linear[0]), float(found.linear[1]))
-        if amplitude * RELATIVE_NOISE < fit.noise_std * math.sqrt(2.0 / size):
-            break
-        local = model.describe(found, 0.0, sample_rate)
-        unit = local.noise_std * local.inflation
-        rows.append(
-            (
-                (first + 0.5 * size) / sample_rate,
-                amplitude,
-                local.natural_frequency.value,
-                local.natural_frequency.std / unit if unit > 0.0 else 0.0,
-                local.damping_ratio.value,
-                local.damping_ratio.std / unit if unit > 0.0 else 0.0,
-            )
-        )
-        rss += found.rss
-        dof += size - PARAMETERS
-    if len(rows) < FEWEST_WINDOWS:
+    else:
         raise EstimationError(
-            f'{len(rows)} windows of {periods:g} periods stand clear of the noise; '
+            f'{len(windows.rows)} windows of the decay stand clear of the noise; '
             f'{FEWEST_WINDOWS} are needed to see whether damping depends on amplitude'
         )
-    time, amplitudes, frequency, frequency_std, damping, damping_std = np.array(rows).T
+    time, amplitudes, frequency, frequency_std, damping, damping_std = np.array(windows.rows).T
     # A window of few samples knows its own noise badly; all together know it well.
-    noise = math.sqrt(rss / dof)
+    noise = math.sqrt(windows.rss / windows.dof)
     frequency_std = np.maximum(frequency_std * noise, 1e-15 * frequency)
     damping_std = np.maximum(damping_std * noise, 1e-15)
     log_amplitude = np.log(amplitudes / amplitudes[0])
@@ -123,11 +105,56 @@ def amplitude_dependence(
         frequency_std=frequency_std,
         damping_ratio=damping,
         damping_ratio_std=damping_std,
+        viscous_damping=_limits(amplitudes, damping, damping_std),
+        linear_frequency=_limits(amplitudes, frequency, frequency_std),
         frequency_slope=frequency_slope,
         damping_slope=damping_slope,
         frequency_p=_two_sided(frequency_slope),
         damping_p=_two_sided(damping_slope),
     )
+
+
+@dataclass(slots=True)
+class _Windows:
+    """Local fits: time, amplitude, frequency, its std, damping ratio, its std (noise of 1)."""
+
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+    rss: float = 0.0
+    dof: int = 0
+
+
+def _fit_windows(y: Array, fit: model.FreeOscillationFit, periods: float) -> _Windows:
+    """Fits of consecutive windows until one does not stand clear of the noise."""
+    rate = fit.sample_rate
+    size = max(math.ceil(periods * rate / fit.damped_frequency.value), model.FEWEST_SAMPLES)
+    start = (fit.damped_frequency.value, fit.decay_rate.value)
+    windows = _Windows()
+    for first in range(0, y.size - size + 1, size):
+        part, _ = model.centred(y[first : first + size], rate)
+        try:
+            found = model.solve(part, model.in_span_units(start, size, rate))
+        except EstimationError:
+            break
+        amplitude = math.hypot(float(found.linear[0]), float(found.linear[1]))
+        amplitude *= math.exp(-0.5 * found.s)
+        local = model.describe(found, 0.0, rate)
+        noise = max(local.noise_std, math.sqrt(windows.rss / max(windows.dof, 1)))
+        if amplitude * RELATIVE_NOISE < noise * math.sqrt(2.0 / size):
+            break
+        unit = local.noise_std * local.inflation
+        windows.rows.append(
+            (
+                (first + 0.5 * size) / rate,
+                amplitude,
+                local.natural_frequency.value,
+                local.natural_frequency.std / unit if unit > 0.0 else 0.0,
+                local.damping_ratio.value,
+                local.damping_ratio.std / unit if unit > 0.0 else 0.0,
+            )
+        )
+        windows.rss += found.rss
+        windows.dof += size - model.PARAMETERS
+    return windows
 
 
 def _slope(x: Array, y: Array, std: Array) -> Estimate:
@@ -138,6 +165,19 @@ def _slope(x: Array, y: Array, std: Array) -> Estimate:
     if spread <= 0.0:
         return Estimate(0.0, math.inf)
     return Estimate(float(np.sum(weight * (x - centre) * y)) / spread, 1.0 / math.sqrt(spread))
+
+
+def _limits(amplitude: Array, y: Array, std: Array) -> tuple[float, float]:
+    """Value at large amplitude by a line over 1/amplitude, at small by one over amplitude."""
+    relative = amplitude / amplitude[0]
+    return _at_zero(1.0 / relative, y, std), _at_zero(relative, y, std)
+
+
+def _at_zero(x: Array, y: Array, std: Array) -> float:
+    """Weighted straight line's value at x = 0."""
+    weight = 1.0 / std**2
+    mean_y = float(np.sum(weight * y) / np.sum(weight))
+    return mean_y - _slope(x, y, std).value * float(np.sum(weight * x) / np.sum(weight))
 
 
 def _two_sided(estimate: Estimate) -> float:

@@ -166,7 +166,7 @@ def starting_values(y: Array) -> Array:
     A part about as long as the decay is close to the matched filter (2 dB at worst).
     """
     lengths = [y.size]
-    while lengths[-1] >= 8 * FEWEST_SAMPLES:
+    while lengths[-1] >= 4 * FEWEST_SAMPLES:
         lengths.append(lengths[-1] // 4)
     if y.size > BATCHED:
         spectra = [np.fft.rfft(y[:n], 2 << (n - 1).bit_length()) for n in lengths]

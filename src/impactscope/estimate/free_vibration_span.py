@@ -27,9 +27,10 @@ HAUSMAN_LIMIT = 18.42  # chi-squared, 2 degrees: exceeded once in 10,000
 VARIANCE_LIMIT = 3.72  # standard normal: exceeded once in 10,000
 AMPLITUDE_LEFT = 0.001  # the span ends where the oscillation has this share of its start ...
 NOISE_LEFT = 0.1  # ... and is below this share of the noise; what follows tells nothing
-FEWEST_PERIODS = 3.0  # a trimmed span keeps at least so many
-LEAST_AMPLITUDE = 0.4  # of the first trial's: a later start must keep so much, or ...
-LEAST_SNR = 10.0  # ... an amplitude of so many standard deviations of the noise
+FEWEST_PERIODS = 3.0  # a trimmed span keeps at least so many, and ...
+SHORTEST = 48  # ... so many samples
+LEAST_AMPLITUDE = 0.4  # share of an oscillation's amplitude that a later start must keep
+LEAST_SNR = 10.0  # amplitude over noise of an oscillation found somewhere after a long contact
 GOOD_FIT = 0.9  # R² below which a span that fails the tests is no free vibration
 MOST_DAMPING = 0.3  # beyond it a vibration is too short to differ from a contact's end
 MOST_STARTS = 48
@@ -140,6 +141,13 @@ class _Trial:
         return model.TWO_PI * self.solution.residual.size / self.solution.w
 
     @property
+    def damping_ratio(self) -> float:
+        """Of the fit; inf without one."""
+        if self.solution is None:
+            return math.inf
+        return self.solution.s / math.hypot(self.solution.s, self.solution.w)
+
+    @property
     def amplitude(self) -> float:
         """At the start; inf without a fit."""
         if self.solution is None:
@@ -230,26 +238,34 @@ def _end(solution: model.Solution) -> int:
         return n
     folds = max(-math.log(AMPLITUDE_LEFT), math.log(amplitude / (NOISE_LEFT * noise)))
     fewest = FEWEST_PERIODS * model.TWO_PI * n / solution.w
-    return min(n, max(math.ceil(folds * n / solution.s), math.ceil(fewest)))
+    return min(n, max(math.ceil(folds * n / solution.s), math.ceil(fewest), SHORTEST))
 
 
 def _search(record: Array, first: int, failed: _Trial) -> _Trial:
     """The earliest later start that passes; the best that failed where none does.
 
-    As the amplitude falls, everything hides in the noise: a pass counts only while the
-    oscillation is still strong, against its start or against the noise.
+    As the amplitude falls, everything hides in the noise. So where the first trial is an
+    oscillation already, a pass counts only while most of its amplitude is left; where it is
+    not, it is a contact that lasts, and the oscillation may begin anywhere after it.
     """
     size = record.size - first
     step = max(1.0, 0.9 * size / MOST_STARTS)
-    if failed.solution is not None and failed.r_squared >= GOOD_FIT:
-        step = max(step, 0.25 * failed.period)
-    enough = LEAST_AMPLITUDE * failed.amplitude
+    last = 0.9 * size
+    oscillates = failed.r_squared >= GOOD_FIT and failed.damping_ratio <= MOST_DAMPING
+    if oscillates and failed.solution is not None:
+        step = max(1.0, 0.25 * failed.period)
+        decay = max(failed.solution.s, 1e-9) / failed.solution.residual.size
+        last = min(0.5 * size, -math.log(LEAST_AMPLITUDE) / decay)
+        step = max(step, last / MOST_STARTS)
     best = failed
-    for k in range(1, int(0.9 * size / step) + 1):
+    for k in range(1, int(last / step) + 1):
         trial = _try(record, first + round(k * step))
-        if trial.passes and trial.amplitude >= min(enough, LEAST_SNR * trial.noise):
+        if trial.passes and (
+            oscillates
+            or (trial.damping_ratio <= MOST_DAMPING and trial.amplitude >= LEAST_SNR * trial.noise)
+        ):
             return trial
-        if trial.r_squared > best.r_squared and best.r_squared < GOOD_FIT:
+        if not oscillates and trial.r_squared > best.r_squared:
             best = trial
             best.passes = False
     return best

@@ -38,7 +38,7 @@ PREDICTED_GAIN = 1e-8  # stop when a step would gain less than this share of one
 ROUNDING = 1e-28  # ... or this share of the record's energy: the limit of float64
 MAX_ITERATIONS = 60
 MOST_GROWTH = -3.0  # s below this (growing by exp(3) over the span) is no free vibration
-MOST_DECAY = 400.0  # s above this leaves nothing to see
+MOST_DECAY = 1.0  # s over n above this (exp(-1) a sample) leaves nothing to see
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -188,7 +188,7 @@ def gauss_newton(
         shrink = min(shrink, (1.0 + 0.5 * abs(s)) / max(abs(d_w), 1e-300))
         improved = False
         for _ in range(30):
-            new_s = min(max(s + shrink * d_s, MOST_GROWTH), MOST_DECAY)
+            new_s = min(max(s + shrink * d_s, MOST_GROWTH), MOST_DECAY * n)
             new_w = w + shrink * d_w
             if 0.0 < new_w < math.pi * n:
                 moments(y, new_s, new_w, c, q, g, h)
