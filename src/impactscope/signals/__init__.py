@@ -1,0 +1,1 @@
+"""Arrays in, arrays out: interpolation, filters and decimation, without I/O and without units."""
