@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from scipy.fft import next_fast_len
-from scipy.linalg import expm
-from scipy.optimize import minimize_scalar
+from scipy.fft import next_fast_len  # type: ignore[import-untyped]
+from scipy.linalg import expm  # type: ignore[import-untyped]
+from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
 
 from impactscope.errors import EstimationError, InputError
 from impactscope.records import Estimate
@@ -322,7 +322,7 @@ def _transition(w: float, zeta: float, h: float) -> tuple[Array, Array]:
     return np.ascontiguousarray(step), np.ascontiguousarray(step @ exponential[:4, 4:])
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _predict(
     x: Array, p: Array, step: Array, noise: Array, touching: bool, begins: bool, onset: float
 ) -> None:
@@ -352,7 +352,7 @@ def _predict(
         p[3, 3] = onset
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _filter(
     y: Array, touching: NDArray[np.bool_], step: Array, noise: Array, variance: float, onset: float
 ) -> tuple[float, Array, Array, Array, Array]:
@@ -385,7 +385,7 @@ def _filter(
     return cost, means, covariances, innovations, spreads
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _smooth(
     y: Array, touching: NDArray[np.bool_], step: Array, noise: Array, variance: float, onset: float
 ) -> tuple[Array, Array]:

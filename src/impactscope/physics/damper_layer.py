@@ -163,7 +163,7 @@ class DamperLayer:
         return LayerResponse(force, forces, surface)
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _respond(
     t: Array,
     u: Array,
