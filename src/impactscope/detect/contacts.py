@@ -27,10 +27,11 @@ from impactscope.records import Contact
 __all__ = ['ContactRules', 'find_contacts']
 
 GROWTH = 1.05  # of a half-wave over the one before it, beyond noise, that proves new momentum
-MOST_CONTACTS = 32
+MOST_FITTED = 8  # contacts; later, weaker bounces are left to the reading alone
+BINS = 150  # in a period of the plate: finer than that it does not move
 DOUBT = 0.12  # share of a ring-down that its model may miss without it being a contact
 # Periods of the plate after the rise that a contact is fitted over: the longest that fits.
-SPANS = (3.0, 1.5, 1.0, 0.7, 0.5, 0.35)
+SPANS = (3.0, 1.0, 0.6, 0.4)
 RISE = 0.5  # periods of the rise of a long contact, for its start alone
 
 
@@ -45,6 +46,21 @@ class ContactRules:
     noise: float  # N, standard deviation of a sample
     smoothed_noise: float  # N, of the smoothed reading
 
+    def coarser(self, width: int) -> ContactRules:
+        """The same for means of ``width`` samples."""
+        smoothing = max(self.smoothing // width, 1)
+        return ContactRules(
+            rate=self.rate / width,
+            threshold=self.threshold,
+            smoothing=smoothing,
+            hold=max(self.hold // width, 1),
+            noise=max(
+                self.noise / math.sqrt(width),
+                self.smoothed_noise * math.sqrt(min(self.smoothing / width, 1.0)),
+            ),
+            smoothed_noise=self.smoothed_noise,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class _Span:
@@ -52,6 +68,9 @@ class _Span:
 
     start: float
     stop: float
+
+    def scaled(self, by: float) -> _Span:
+        return _Span(self.start * by, self.stop * by)
 
 
 def find_contacts(
@@ -134,26 +153,39 @@ def _fitted_spans(
     plate: PlateModel,
 ) -> list[_Span]:
     """Contacts one after the other, each fitted to what the ones before it leave over."""
-    residual = reading.copy()
-    doubt = np.zeros(reading.size)
+    width = max(int(plate.period * rules.rate / BINS), 1)
+    count = reading.size // width
+    residual = reading[: count * width].reshape(count, width).mean(axis=1)
+    spans = _fitted(residual, [span.scaled(1 / width) for span in pushed], trigger / width,
+                    rules.coarser(width), plate)  # fmt: skip
+    return [span.scaled(width) for span in spans]
+
+
+def _fitted(
+    residual: NDArray[np.float64],
+    pushed: list[_Span],
+    after: float,
+    rules: ContactRules,
+    plate: PlateModel,
+) -> list[_Span]:
+    doubt = np.zeros(residual.size)
     spans: list[_Span] = []
-    after = float(trigger)
-    while len(spans) < MOST_CONTACTS:
+    while True:
         smooth = _smoothed(residual, rules.smoothing)
         above = [s for s in _spans_above(smooth, rules.threshold + doubt) if s[1] > after]
         if not above:
             break
         begin = spans[-1].stop if spans else 0.0
         first = above[0][0]
-        fit = _fit(residual, begin, first, rules, plate)
+        fit = _fit(residual, begin, first, rules, plate) if len(spans) < MOST_FITTED else None
         if fit is None:
             spans += _unfitted(residual, begin, max(first, after), pushed, rules, plate)
             break
-        response = fit.response(reading.size, rules.rate, plate)
+        response = fit.response(residual.size, rules.rate, plate)
         residual -= response
         start, stop = fit.start * rules.rate, (fit.start + fit.duration) * rules.rate
         spans.append(_Span(start, stop))
-        late = np.arange(reading.size) - math.ceil(stop)
+        late = np.arange(residual.size) - math.ceil(stop)
         tail = response[late >= 0]
         if tail.size == 0:
             break

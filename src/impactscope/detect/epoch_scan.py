@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.detect import kernels
-from impactscope.detect.event_window import Layout, Opening, build_event
+from impactscope.detect.event_window import (
+    Layout,
+    Opening,
+    build_event,
+    contact_threshold,
+    contacts_of,
+    opened_reading,
+)
 from impactscope.detect.history import History
 from impactscope.detect.noise_floor import (
     NoiseFloor,
@@ -24,7 +31,7 @@ from impactscope.detect.noise_floor import (
 from impactscope.detect.plate_memory import PlateMemory
 from impactscope.detect.settings import DetectorSettings
 from impactscope.measurement_profile import MeasurementProfile
-from impactscope.records import NANOSECONDS, ImpactEvent, Quality, SyncedBlock
+from impactscope.records import NANOSECONDS, Contact, ImpactEvent, Quality, SyncedBlock
 
 __all__ = ['EpochScan']
 
@@ -256,7 +263,12 @@ class EpochScan:
         scale = float(np.abs(samples).max())
         self._floor.least = max(1e-6 * scale, quantum(samples) / 4, 1e-12)
         self._floor.settle(
-            stretch, self._layout.row, self._layout.stride, self._number(stop) - 1, powers
+            stretch,
+            self._layout.row,
+            self._layout.stride,
+            self._number(stop) - 1,
+            powers,
+            self.settings.threshold,
         )
         self._state = _State.WATCHING
         if self._cold:
@@ -285,12 +297,15 @@ class EpochScan:
             floor.means,
             floor.variances,
             floor.powers,
+            floor.peaks,
             floor.sigma,
+            floor.bounds,
             floor.line,
             floor.rebound,
             floor.work,
             floor.cumulative,
             floor.power,
+            floor.peak,
         )
         self._position += done * self._width
         if reason == kernels.TRIGGERED:
@@ -330,6 +345,7 @@ class EpochScan:
         )
         self._levels: list[float] = []  # means of the hops since the one with the trigger
         self._swings: list[float] = []  # their largest deviations from the zero level
+        self._contacts: tuple[Contact, ...] = ()  # once the signal is quiet
         self._last_contact = self._position  # by what is known while the blow is followed
         self._state = _State.FOLLOWING
 
@@ -363,12 +379,22 @@ class EpochScan:
         if pressed and self._position - opening.trigger >= held:
             return [self._close(self._position, Quality.HELD, rest_from=self._rest_start())]
         rest = self._rest_start()
+        self._prepare(pressed=pressed)
         if rest is not None and not pressed:
             return [self._close(self._position, Quality.NONE, rest_from=rest)]
         longest = profile.longest_ring_down * layout.grid_rate
         if not pressed and self._position - self._last_contact >= longest:
             return [self._close(self._position, Quality.NONE, rest_from=None)]
         return []
+
+    def _prepare(self, *, pressed: bool) -> None:
+        """Find the contacts half-way into the rest: less is left to do when the event ends."""
+        rest = self._rest_start(max(self._rest_hops // 2, 1))
+        if rest is None:
+            self._contacts = ()
+        elif not self._contacts:
+            start, reading = self._reading(self._position)
+            self._contacts = self._find_contacts(start, reading, None if pressed else rest)
 
     def _level_noise(self) -> float:
         """Deviation of the level over the rest hold that is beyond noise."""
@@ -391,10 +417,11 @@ class EpochScan:
         noise = self.settings.threshold * float(self._opening.sigma[1])
         return push > 1.1 * max(recent) + noise
 
-    def _rest_start(self) -> int | None:
-        """Index from which the signal has been at its noise, or None where it is not."""
+    def _rest_start(self, hops: int | None = None) -> int | None:
+        """Index from which the signal has been at its noise for so long, or None."""
         layout, opening = self._layout, self._opening
-        start = self._position - self._rest_hops * self._width
+        hops = hops or self._rest_hops
+        start = self._position - hops * self._width
         if start < max(opening.trigger, self._begin):
             return None
         powers = np.empty(layout.scales.size + 1)
@@ -402,7 +429,7 @@ class EpochScan:
             self._history.values[layout.row],
             self._history.column(start),
             layout.stride,
-            self._rest_hops * layout.hop,
+            hops * layout.hop,
             layout.scales,
             opening.sigma,
             self.settings.threshold,
@@ -424,19 +451,51 @@ class EpochScan:
         # NaN, a channel without data, has nothing to wait for.
         return not bool((others > REST_POWER * known).any())
 
+    def _reading(self, stop: int) -> tuple[int, NDArray[np.float64]]:
+        """The open event's reading up to ``stop`` and the grid index that it begins at."""
+        return opened_reading(
+            self._layout,
+            self._history,
+            self._opening,
+            self.settings.polarity,
+            self._begin,
+            self._retained,
+            stop,
+        )
+
+    def _find_contacts(
+        self, start: int, reading: NDArray[np.float64], rest_from: int | None
+    ) -> tuple[Contact, ...]:
+        stride = self._layout.stride
+        return contacts_of(
+            self._layout,
+            self._opening,
+            self.settings,
+            self.profile,
+            self._plates,
+            reading,
+            (self._opening.trigger - start) // stride,
+            None if rest_from is None else (rest_from - start) // stride,
+        )
+
     def _close(self, stop: int, quality: Quality, rest_from: int | None) -> ImpactEvent:
         """Cut the event out; watch on from ``stop`` with the level that it came to rest at."""
         stop = min(stop, self._history.stop)
         if any(self._opening.trigger - self._retained <= j < stop for j in self._jumps):
             quality |= Quality.CLOCK_JUMP
+        start, reading = self._reading(stop)
+        free = rest_from if Quality.HELD not in quality else None
+        contacts = self._contacts or self._find_contacts(start, reading, free)
         event = build_event(
             self._layout,
             self._history,
             self._opening,
-            self.settings,
             self.profile,
-            self._plates,
+            contacts,
+            reading,
+            contact_threshold(self._opening, self.settings),
             begin=self._begin,
+            start=start,
             retained=self._retained,
             stop=stop,
             quality=quality,
@@ -445,7 +504,12 @@ class EpochScan:
         if rest_from is not None:
             stretch = self._history.view(stop - self._rest_hops * self._width, stop)
             self._floor.settle(
-                stretch, self._layout.row, self._layout.stride, self._number(stop) - 1, None
+                stretch,
+                self._layout.row,
+                self._layout.stride,
+                self._number(stop) - 1,
+                None,
+                self.settings.threshold,
             )
             self._state = _State.WATCHING
         elif Quality.OVERLAPPING not in quality:

@@ -22,7 +22,14 @@ from impactscope.records import (
     SyncedBlock,
 )
 
-__all__ = ['Layout', 'Opening', 'build_event']
+__all__ = [
+    'Layout',
+    'Opening',
+    'build_event',
+    'contact_threshold',
+    'contacts_of',
+    'opened_reading',
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,15 +72,84 @@ class Opening:
     quality: Quality
 
 
-def build_event(
+def opened_reading(
     layout: Layout,
     history: History,
+    opening: Opening,
+    polarity: int,
+    begin: int,
+    retained: int,
+    stop: int,
+) -> tuple[int, NDArray[np.float64]]:
+    """First grid index and samples of the trigger channel, zero level off, blows positive.
+
+    From ``retained`` grid samples before the trigger, or the stream's first sample ``begin``.
+    """  # fmt: skip
+    earliest = max(begin, opening.trigger - retained)
+    slack = (opening.trigger - earliest) // layout.stride * layout.stride
+    start = opening.trigger - slack
+    row = history.view(start, stop)[layout.row, :: layout.stride].astype(np.float64)
+    reading = (row - opening.zero[0]) * (polarity or 1)
+    return start, np.abs(reading) if polarity == 0 else reading
+
+
+def contact_threshold(opening: Opening, settings: DetectorSettings) -> float:
+    """Reading above which there is contact, or ringing."""
+    return max(opening.contact_force, settings.release * float(opening.sigma[1]))
+
+
+def contacts_of(
+    layout: Layout,
     opening: Opening,
     settings: DetectorSettings,
     profile: MeasurementProfile,
     plates: PlateMemory,
+    reading: NDArray[np.float64],
+    trigger: int,
+    quiet: int | None,
+) -> tuple[Contact, ...]:
+    """The contacts of a blow, times in s after the reading's first sample.
+
+    Args:
+        layout: of the stream.
+        opening: what was known before the blow.
+        settings: of the detector.
+        profile: the rules of the measurement.
+        plates: what is known of the sensor's plate; learns from this event.
+        reading: as from :func:`opened_reading`.
+        trigger: sample of it by which the blow had begun.
+        quiet: sample of it from which the plate is at rest and free of load, or None.
+    """
+    native = layout.grid_rate / layout.stride
+    rules = ContactRules(
+        rate=native,
+        threshold=contact_threshold(opening, settings),
+        smoothing=int(layout.scales[0]),
+        hold=max(round(profile.contact_end_hold * native), 1),
+        noise=float(opening.sigma[0]),
+        smoothed_noise=float(opening.sigma[1]),
+    )
+    contacts = find_contacts(reading, trigger, rules)
+    if not opening.in_newtons:
+        return contacts
+    if quiet is not None:
+        plates.learn(reading[round(contacts[-1].end * native) : quiet], native, rules.noise)
+    if plates.model is None:
+        return contacts
+    return find_contacts(reading, trigger, rules, plates.model)
+
+
+def build_event(
+    layout: Layout,
+    history: History,
+    opening: Opening,
+    profile: MeasurementProfile,
+    contacts: tuple[Contact, ...],
+    reading: NDArray[np.float64],
+    threshold: float,
     *,
     begin: int,
+    start: int,
     retained: int,
     stop: int,
     quality: Quality,
@@ -85,10 +161,12 @@ def build_event(
         layout: of the stream.
         history: holds the window.
         opening: what was known before the blow.
-        settings: of the detector.
         profile: the rules of the measurement.
-        plates: what is known of the sensor's plate; learns from this event.
+        contacts: times from grid index ``start`` on.
+        reading: of the trigger channel from there on.
+        threshold: of contact, in the reading's unit.
         begin: grid index of the stream's first sample.
+        start: grid index of the reading's first sample.
         retained: grid samples before the trigger that the history holds for certain.
         stop: grid index one beyond the window.
         quality: flags of how the event ended.
@@ -97,28 +175,6 @@ def build_event(
     rate = layout.grid_rate
     native = rate / layout.stride
     earliest = max(begin, opening.trigger - retained)
-    slack = (opening.trigger - earliest) // layout.stride * layout.stride
-    start = opening.trigger - slack
-    row = history.view(start, stop)[layout.row, :: layout.stride].astype(np.float64)
-    reading = (row - opening.zero[0]) * (settings.polarity or 1)
-    if settings.polarity == 0:
-        reading = np.abs(reading)
-    trigger = slack // layout.stride
-    rules = ContactRules(
-        rate=native,
-        threshold=max(opening.contact_force, settings.release * float(opening.sigma[1])),
-        smoothing=int(layout.scales[0]),
-        hold=max(round(profile.contact_end_hold * native), 1),
-        noise=float(opening.sigma[0]),
-        smoothed_noise=float(opening.sigma[1]),
-    )
-    contacts = find_contacts(reading, trigger, rules)
-    if opening.in_newtons:
-        if rest_from is not None and Quality.HELD not in quality:
-            quiet = (rest_from - start) // layout.stride
-            plates.learn(reading[round(contacts[-1].end * native) : quiet], native, rules.noise)
-        if plates.model is not None:
-            contacts = find_contacts(reading, trigger, rules, plates.model)
     onset = contacts[0].start
     if start == begin and onset == 0:
         quality |= Quality.TORN  # the stream began inside the blow
@@ -129,7 +185,7 @@ def build_event(
     if Quality.HELD in quality:
         end = min(onset + profile.longest_hold, (stop - start) / rate)
         contacts = (*contacts[:-1], replace(contacts[-1], end=end))
-    elif Quality.TORN in quality and reading[-1] > rules.threshold:
+    elif Quality.TORN in quality and reading[-1] > threshold:
         end = (stop - start) / rate
 
     lead = math.ceil((profile.pre_trigger - onset) * native - 1e-6)

@@ -33,6 +33,7 @@ __all__ = [
 
 LIMIT = 4.0  # standard deviations to which a sample's deviation counts, at least
 REACH = 1.5  # times the threshold that a blow of limited samples can raise the statistic to
+TAIL = 10.0  # standard deviations of the hops' maxima beyond their mean that a blow must reach
 GUARD = 2  # newest hops left out of the floor: they may hold the creeping start of a blow
 REBOUND = 1.1  # a positive half-wave up to this times the negative one before it is ring-down
 REBOUND_DECAY = 0.9  # by which the memory of a negative half-wave fades, a hop
@@ -57,11 +58,18 @@ def update_floor(
     numbers: NDArray[np.float64],
     means: NDArray[np.float64],
     powers: NDArray[np.float64],
+    peaks: NDArray[np.float64],
     sigma: NDArray[np.float64],
+    bounds: NDArray[np.float64],
     line: NDArray[np.float64],
+    threshold: float,
     least: float,
 ) -> None:
-    """Level line (level, slope a hop, reference hop) and sigma from the hops in memory.
+    """Level line (level, slope a hop, reference hop), sigma and bounds from the hops in memory.
+
+    ``bounds`` are what the windows' means must exceed: the threshold in sigma or, in noise with
+    heavier tails than Gaussian, where the hops' maxima extrapolate to (their tail is about
+    exponential: 10 standard deviations are some 10^5.5 hops, about an hour).
 
     The line is the least-squares one through the hops' means; below 20 hops it is level, since
     a slope from fewer would be extrapolated noise.
@@ -69,11 +77,13 @@ def update_floor(
     capacity = numbers.shape[0]
     count = min(counters[COUNT], capacity)
     used = max(count - GUARD, min(count, 1))
+    # Unless the memory is full it holds rows 0 to count; the newest are left out.
+    oldest = (counters[HEAD] - count) % capacity
     sigma[:] = 0.0
     mean_number = 0.0
     mean_level = 0.0
     for j in range(used):
-        row = (counters[HEAD] - count + j) % capacity
+        row = oldest + j if oldest + j < capacity else oldest + j - capacity
         mean_number += numbers[row]
         mean_level += means[row, 0]
         for s in range(sigma.shape[0]):
@@ -84,7 +94,7 @@ def update_floor(
     if used >= 20:
         spread = 0.0
         for j in range(used):
-            row = (counters[HEAD] - count + j) % capacity
+            row = oldest + j if oldest + j < capacity else oldest + j - capacity
             distance = numbers[row] - mean_number
             spread += distance * distance
             slope += distance * (means[row, 0] - mean_level)
@@ -92,6 +102,16 @@ def update_floor(
     line[0], line[1], line[2] = mean_level, slope, mean_number
     for s in range(sigma.shape[0]):
         sigma[s] = max(np.sqrt(sigma[s] / used), least)
+    for s in range(bounds.shape[0]):
+        total = 0.0
+        square = 0.0
+        for j in range(used):
+            row = oldest + j if oldest + j < capacity else oldest + j - capacity
+            total += peaks[row, s]
+            square += peaks[row, s] * peaks[row, s]
+        total /= used
+        tail = total + TAIL * np.sqrt(max(square / used - total * total, 0.0))
+        bounds[s] = max(threshold * sigma[s + 1], tail)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -144,12 +164,15 @@ def scan_hops(
     means: NDArray[np.float64],
     variances: NDArray[np.float64],
     powers: NDArray[np.float64],
+    peaks: NDArray[np.float64],
     sigma: NDArray[np.float64],
+    bounds: NDArray[np.float64],
     line: NDArray[np.float64],
     rebound: NDArray[np.float64],
     work: NDArray[np.float64],
     cumulative: NDArray[np.float64],
     power: NDArray[np.float64],
+    peak: NDArray[np.float64],
 ) -> tuple[int, int, int]:
     """Look for a blow in ``hops`` hops of ``length`` samples from column ``start`` on.
 
@@ -175,8 +198,9 @@ def scan_hops(
         power[0] = square / length
         for s in range(scales.shape[0]):
             n = scales[s]
-            bound = threshold * sigma[s + 1] * n
-            calm = release * sigma[s + 1] * n
+            bound = bounds[s] * n
+            calm = bound - (threshold - release) * sigma[s + 1] * n
+            largest = 0.0
             fall = rebound[s] * n
             square = 0.0
             for i in range(hop, hop + length):
@@ -191,8 +215,10 @@ def scan_hops(
                 elif abs(total) > bound and (found < 0 or i - n < found):
                     found = i - n
                     break
-                if abs(total) > calm:
-                    quiet = False
+                largest = max(largest, abs(total))
+            if largest > calm:
+                quiet = False
+            peak[s] = largest / n
             power[s + 1] = square / (length * n * n)
             rebound[s] = fall / n * REBOUND_DECAY
         if found >= 0:
@@ -204,6 +230,7 @@ def scan_hops(
             place = counters[HEAD] % numbers.shape[0]
             numbers[place] = number
             powers[place] = power
+            peaks[place] = peak
             column_of = 0
             for c in range(values.shape[0]):
                 k = 0
@@ -218,7 +245,9 @@ def scan_hops(
                 )
             counters[HEAD] += 1
             counters[COUNT] = min(counters[COUNT] + 1, numbers.shape[0])
-            update_floor(counters, numbers, means, powers, sigma, line, least)
+            update_floor(
+                counters, numbers, means, powers, peaks, sigma, bounds, line, threshold, least
+            )
         else:
             counters[REJECTED_RUN] += 1
             if counters[REJECTED_RUN] >= patience:

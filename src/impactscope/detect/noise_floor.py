@@ -54,6 +54,9 @@ class NoiseFloor:
         self.means = np.zeros((capacity, n_channels))
         self.variances = np.zeros((capacity, n_channels))
         self.powers = np.zeros((capacity, scales.size + 1))
+        self.peaks = np.zeros((capacity, scales.size))
+        self.peak = np.zeros(scales.size)
+        self.bounds = np.zeros(scales.size)  # that the windows' means of a blow exceed
         self.sigma = np.zeros(scales.size + 1)  # of a sample, then of each window's mean
         self.line = np.zeros(3)
         self.rebound = np.zeros(scales.size)
@@ -89,6 +92,7 @@ class NoiseFloor:
         stride: int,
         last_number: float,
         powers: NDArray[np.float64] | None,
+        threshold: float,
     ) -> None:
         """Start from a quiet stretch of whole hops, shape (n_channels, hops * hop * stride).
 
@@ -99,6 +103,7 @@ class NoiseFloor:
             last_number: number of the stretch's last hop.
             powers: mean squares of the windows' means, shape (n_scales + 1,); None keeps the
                 noise known so far.
+            threshold: in sigma.
         """
         width = self.hop * stride
         hops = values.shape[1] // width
@@ -112,13 +117,24 @@ class NoiseFloor:
         self.means[rows, 0] = blocks[0, :, ::stride].mean(axis=1)
         self.variances[rows, 0] = blocks[0, :, ::stride].var(axis=1)
         self.powers[rows] = kept
+        if powers is not None:  # Gaussian until more is known
+            self.peaks[:] = 3 * np.sqrt(powers[1:])
         self.counters[:] = 0
         self.counters[kernels.COUNT] = min(hops, self.numbers.size)
         self.counters[kernels.HEAD] = hops
         self.rebound[:] = 0.0
         self.work[:] = 0.0
         kernels.update_floor(
-            self.counters, self.numbers, self.means, self.powers, self.sigma, self.line, self.least
+            self.counters,
+            self.numbers,
+            self.means,
+            self.powers,
+            self.peaks,
+            self.sigma,
+            self.bounds,
+            self.line,
+            threshold,
+            self.least,
         )
 
 

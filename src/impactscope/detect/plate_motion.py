@@ -24,7 +24,9 @@ __all__ = ['PlateModel', 'PulseFit', 'fit_pulse', 'fit_ring_down', 'pulse_respon
 
 TERMS = 3
 SHAPE_PRIOR = 0.1  # standard deviation of p_2 / p_1 and p_3 / p_1 expected beforehand
-MOST_BINS = 200  # samples that a fit uses; more are averaged into these
+LEAST_SLOPE = 0.5  # of the force when contact begins, over that of a half-sine
+SHORTEST = 0.02  # of the plate's period, contact that its reading still has a length of
+MOST_BINS = 160  # samples that a fit uses; more are averaged into these
 LEAST_PERIODS = 2.0  # of ring-down above noise from which a plate's model is learned
 SIMPLEX_STEPS = 60
 
@@ -59,9 +61,9 @@ class PulseFit:
     def response(self, n: int, rate: float, plate: PlateModel) -> NDArray[np.float64]:
         """The plate's reading, ring-down included, at n samples; N, shape (n,)."""
         basis = np.empty((TERMS, n))
-        times = np.arange(n) / rate
         pulse_response(
-            times,
+            0.0,
+            1 / rate,
             self.start,
             self.duration,
             plate.natural_frequency,
@@ -74,7 +76,8 @@ class PulseFit:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def pulse_response(
-    times: NDArray[np.float64],
+    origin: float,
+    step: float,
     start: float,
     duration: float,
     natural_frequency: float,
@@ -83,53 +86,45 @@ def pulse_response(
 ) -> None:
     """Reading of a plate at rest pushed by sin(j pi (t - start) / duration) in the contact.
 
-    ``basis`` has shape (3, n_times) and receives the responses for j = 1, 2, 3.
+    ``basis`` has shape (3, n) and receives the responses for j = 1, 2, 3 at the times
+    origin + i step. The phasors are turned from sample to sample rather than computed anew.
     """
+    n = basis.shape[1]
     decay = damping_ratio * natural_frequency
     damped = natural_frequency * np.sqrt(1 - damping_ratio * damping_ratio)
-    square = natural_frequency * natural_frequency
-    in_phase = np.empty(TERMS)
-    quadrature = np.empty(TERMS)
-    cosine = np.empty(TERMS)
-    sine = np.empty(TERMS)
+    free_turn = np.exp((-decay + 1j * damped) * step)
+    basis[:, :] = 0.0
+    first = max(int(np.floor((start - origin) / step)) + 1, 0)
+    if first >= n:
+        return
+    split = min(max(int(np.ceil((start + duration - origin) / step)), first), n)
+    began = origin + first * step - start
+    ended = origin + split * step - start - duration
+    sign = 1.0
     for j in range(TERMS):
         drive = (j + 1) * np.pi / duration
-        real = square - drive * drive
-        imaginary = 2 * decay * drive
-        size = real * real + imaginary * imaginary
-        in_phase[j] = square * real / size
-        quadrature[j] = -square * imaginary / size
-        cosine[j] = -quadrature[j]
-        sine[j] = (decay * cosine[j] - in_phase[j] * drive) / damped
-    for i in range(times.shape[0]):
-        t = times[i] - start
-        if t <= 0:
-            basis[:, i] = 0.0
-            continue
-        fall = np.exp(-decay * t)
-        c, s = fall * np.cos(damped * t), fall * np.sin(damped * t)
-        if t < duration:
-            for j in range(TERMS):
-                angle = (j + 1) * np.pi * t / duration
-                basis[j, i] = (
-                    in_phase[j] * np.sin(angle)
-                    + quadrature[j] * np.cos(angle)
-                    + cosine[j] * c
-                    + sine[j] * s
-                )
-        else:
-            late = t - duration
-            fall = np.exp(-decay * late)
-            c_late, s_late = fall * np.cos(damped * late), fall * np.sin(damped * late)
-            sign = 1.0
-            for j in range(TERMS):
-                basis[j, i] = cosine[j] * (c + sign * c_late) + sine[j] * (s + sign * s_late)
-                sign = -sign
+        gain = natural_frequency**2 / (natural_frequency**2 - drive**2 + 2j * decay * drive)
+        # At rest when contact begins: the free part cancels reading and slope of the driven one.
+        cosine = -gain.imag
+        sine = (decay * cosine - gain.real * drive) / damped
+        free = np.exp((-decay + 1j * damped) * began) * (cosine - 1j * sine)
+        driven = np.exp(1j * drive * began) * gain
+        turn = np.exp(1j * drive * step)
+        for i in range(first, split):
+            basis[j, i] = driven.imag + free.real
+            driven *= turn
+            free *= free_turn
+        free += sign * np.exp((-decay + 1j * damped) * ended) * (cosine - 1j * sine)
+        for i in range(split, n):
+            basis[j, i] = free.real
+            free *= free_turn
+        sign = -sign
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _misfit(
-    times: NDArray[np.float64],
+    origin: float,
+    step: float,
     reading: NDArray[np.float64],
     start: float,
     duration: float,
@@ -140,12 +135,12 @@ def _misfit(
     amplitudes: NDArray[np.float64],
 ) -> float:
     """Sum of squares, prior included, at the best amplitudes for a start and a duration."""
-    if duration <= 0:
+    if duration < SHORTEST * 2 * np.pi / natural_frequency:
         return np.inf
-    pulse_response(times, start, duration, natural_frequency, damping_ratio, basis)
+    pulse_response(origin, step, start, duration, natural_frequency, damping_ratio, basis)
     power = 0.0
     along = 0.0
-    for i in range(times.shape[0]):
+    for i in range(reading.shape[0]):
         power += basis[0, i] * basis[0, i]
         along += basis[0, i] * reading[i]
     if power == 0.0 or along <= 0.0:
@@ -156,31 +151,36 @@ def _misfit(
     for j in range(TERMS):
         for m in range(j, TERMS):
             total = 0.0
-            for i in range(times.shape[0]):
+            for i in range(reading.shape[0]):
                 total += basis[j, i] * basis[m, i]
             normal[j, m] = total
             normal[m, j] = total
         total = 0.0
-        for i in range(times.shape[0]):
+        for i in range(reading.shape[0]):
             total += basis[j, i] * reading[i]
         right[j] = total
         if j > 0:
             normal[j, j] += ridge
     amplitudes[:] = np.linalg.solve(normal, right)
     misfit = 0.0
-    for i in range(times.shape[0]):
+    for i in range(reading.shape[0]):
         model = 0.0
         for j in range(TERMS):
             model += amplitudes[j] * basis[j, i]
         misfit += (reading[i] - model) ** 2
     for j in range(1, TERMS):
         misfit += ridge * amplitudes[j] ** 2
+    # A spring pushes back from the first instant on: contact does not begin with a creep.
+    slope = (amplitudes[0] + 2 * amplitudes[1] + 3 * amplitudes[2]) / amplitudes[0]
+    if slope < LEAST_SLOPE:
+        misfit += variance * ((LEAST_SLOPE - slope) / 0.02) ** 2
     return misfit
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _search(
-    times: NDArray[np.float64],
+    origin: float,
+    step: float,
     reading: NDArray[np.float64],
     latest: float,
     natural_frequency: float,
@@ -193,12 +193,12 @@ def _search(
     period = 2 * np.pi / natural_frequency
     points = np.empty((3, 2))
     costs = np.full(3, np.inf)
-    for a in range(9):
-        for b in range(12):
-            begin = latest - 0.5 * period * a / 8
-            length = 0.04 * period * 1.4**b
+    for a in range(8):
+        for b in range(10):
+            begin = latest - 0.5 * period * a / 7
+            length = 0.04 * period * 1.5**b
             cost = _misfit(
-                times, reading, begin, length, natural_frequency, damping_ratio, variance,
+                origin, step, reading, begin, length, natural_frequency, damping_ratio, variance,
                 basis, amplitudes,
             )  # fmt: skip
             if cost < costs[0]:
@@ -208,7 +208,7 @@ def _search(
     points[2] = points[0, 0], points[0, 1] * 1.2
     for k in range(1, 3):
         costs[k] = _misfit(
-            times, reading, points[k, 0], points[k, 1], natural_frequency, damping_ratio,
+            origin, step, reading, points[k, 0], points[k, 1], natural_frequency, damping_ratio,
             variance, basis, amplitudes,
         )  # fmt: skip
     for _ in range(SIMPLEX_STEPS):
@@ -219,8 +219,8 @@ def _search(
         for factor in (-1.0, -2.0, 0.5, -0.5):
             trial = centre + factor * (points[2] - centre)
             cost = _misfit(
-                times, reading, trial[0], trial[1], natural_frequency, damping_ratio, variance,
-                basis, amplitudes,
+                origin, step, reading, trial[0], trial[1], natural_frequency, damping_ratio,
+                variance, basis, amplitudes,
             )  # fmt: skip
             if factor == -1.0 and costs[0] <= cost < costs[1]:
                 points[2], costs[2] = trial, cost
@@ -244,14 +244,14 @@ def _search(
             for k in range(1, 3):
                 points[k] = (points[k] + points[0]) / 2
                 costs[k] = _misfit(
-                    times, reading, points[k, 0], points[k, 1], natural_frequency,
+                    origin, step, reading, points[k, 0], points[k, 1], natural_frequency,
                     damping_ratio, variance, basis, amplitudes,
                 )  # fmt: skip
         if np.abs(points[1:] - points[0]).max() < 1e-5 * period:
             break
     best = np.argmin(costs)
     cost = _misfit(
-        times, reading, points[best, 0], points[best, 1], natural_frequency, damping_ratio,
+        origin, step, reading, points[best, 0], points[best, 1], natural_frequency, damping_ratio,
         variance, basis, amplitudes,
     )  # fmt: skip
     return points[best, 0], points[best, 1], cost
@@ -278,12 +278,12 @@ def fit_pulse(
     if count < 8 or not np.isfinite(reading).all():
         return None
     binned = reading[: count * width].reshape(count, width).mean(axis=1)
-    times = (np.arange(count) * width + (width - 1) / 2) / rate
     basis = np.empty((TERMS, count))
     amplitudes = np.zeros(TERMS)
     variance = max(noise**2 / width, (1e-4 * float(np.abs(binned).max())) ** 2)
     start, duration, cost = _search(
-        times,
+        (width - 1) / 2 / rate,
+        width / rate,
         binned,
         rise,
         plate.natural_frequency,
@@ -292,10 +292,23 @@ def fit_pulse(
         basis,
         amplitudes,
     )
-    if not math.isfinite(cost) or not 0.02 < duration / plate.period < 2.2:
+    if not math.isfinite(cost) or duration > 2.2 * plate.period:
         return None
     rms = math.sqrt(cost / count)
+    if not _is_one_push(amplitudes):
+        return None
     return PulseFit(start, duration, amplitudes, rms, noise / math.sqrt(width))
+
+
+def _is_one_push(amplitudes: NDArray[np.float64]) -> bool:
+    """Whether the force is nowhere pulling and not two humps with a gap between them."""
+    phase = np.linspace(0, math.pi, 65)
+    force = sum(p * np.sin((j + 1) * phase) for j, p in enumerate(amplitudes))
+    largest = float(np.max(force))
+    before = np.maximum.accumulate(force)
+    after = np.maximum.accumulate(force[::-1])[::-1]
+    dip = float(np.max(np.minimum(before, after) - force))
+    return bool(largest > 0 and np.min(force) > -0.1 * largest and dip < 0.5 * largest)
 
 
 def fit_ring_down(
@@ -312,28 +325,28 @@ def fit_ring_down(
         the plate's model and the weight of what it rests on (amplitude over noise, squared,
         times samples); None where there is no such oscillation or more than one.
     """
-    width = max(-(-reading.size // (8 * MOST_BINS)), 1)
+    width = max(-(-reading.size // (3 * MOST_BINS)), 1)
     count = reading.size // width
     if count < 32 or not np.isfinite(reading).all():
         return None
-    values = np.asarray(reading[: count * width].reshape(count, width).mean(axis=1), np.float64)
+    values: NDArray[np.float64] = reading[: count * width].reshape(count, width).mean(axis=1)
     step = width / rate
-    t = np.arange(count) * step
+    t = np.arange(count, dtype=np.float64) * np.float64(step)
     centred = values - values[count // 2 :].mean()
     spectrum = np.abs(np.fft.rfft(centred, 4 * count))
     omega = 2 * math.pi * int(np.argmax(spectrum)) / (4 * count * step)
     if omega == 0:
         return None
-    found = min(
-        (_damped_fit(t, values, omega, ratio * omega) for ratio in (0.02, 0.05, 0.12)),
-        key=lambda fit: fit[3],
-    )
-    omega, decay, amplitude, rms = found
+    deviation = noise / math.sqrt(width)
+    for ratio in (0.05, 0.02, 0.15):
+        found, decay, amplitude, rms = _damped_fit(t, values, omega, ratio * omega)
+        if rms < 1.2 * deviation:
+            break
+    omega = found
     natural = math.hypot(omega, decay)
     ratio = decay / natural
     if not (0.003 < ratio < 0.4) or natural * step > 1:
         return None
-    deviation = noise / math.sqrt(width)
     heard = math.log(max(amplitude / max(deviation, 1e-12), 1.0)) / decay
     if min(heard, t[-1]) * omega / (2 * math.pi) < LEAST_PERIODS:
         return None
