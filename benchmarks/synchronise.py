@@ -72,14 +72,18 @@ def measure_bench(name: str, seconds: float, trials: int) -> None:
     frequency = TONE * min(rate for _, rate, _ in channels)
     blocks = recording(channels, seconds, frequency, 0.02)
 
-    def run() -> tuple[np.ndarray, float]:
-        synchroniser = Synchroniser(SynchroniserSettings(tuple(n for n, _, _ in channels)))
-        out = [item for block in blocks for item in synchroniser.push(block)]
-        out += synchroniser.flush()
-        values = np.concatenate([o.values for o in out], axis=1)
-        return values, out[0].sample_rate
+    settings = SynchroniserSettings(tuple(n for n, _, _ in channels))
 
-    values, rate = run()
+    def run() -> None:
+        synchroniser = Synchroniser(settings)
+        for block in blocks:
+            synchroniser.push(block)
+        synchroniser.flush()
+
+    synchroniser = Synchroniser(settings)
+    out = [item for block in blocks for item in synchroniser.push(block)] + synchroniser.flush()
+    values, rate = np.concatenate([o.values for o in out], axis=1), out[0].sample_rate
+    del out
     truth = tone(np.arange(values.shape[1]) / rate + channels[0][2], frequency)
     edge = int(rate * 20 / min(r for _, r, _ in channels))
     error = float(np.nanmax(np.abs(values - truth)[:, edge:-edge]))

@@ -308,6 +308,15 @@ def test_a_block_later_than_the_wait_is_dropped_and_counted():
     assert synchroniser.statistics['a'].lost_samples == 50
 
 
+def test_a_block_from_before_the_first_is_late():
+    blocks = stream('a', 1000.0, 300)
+    synchroniser = make('a')
+    out = run(synchroniser, [blocks[1], blocks[0], *blocks[2:]])
+    assert out[0].first_index == 50
+    assert joined(out)[0].tobytes() == tone(1000.0, 300)[50:].tobytes()
+    assert synchroniser.statistics['a'].late == 1
+
+
 def test_a_channel_that_lags_is_missing_and_does_not_stop_the_others():
     a, b = stream('a', 1000.0, 6000), stream('b', 1000.0, 1000)
     synchroniser = make('a', 'b', longest_wait=0.5)

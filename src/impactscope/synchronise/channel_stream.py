@@ -25,6 +25,7 @@ from impactscope.synchronise.statistics import ChannelStatistics
 __all__ = ['FOREVER', 'ChannelStream', 'Limits', 'Segment']
 
 FOREVER = 1 << 62
+FLOAT32 = np.dtype(np.float32)
 
 
 class Limits(NamedTuple):
@@ -137,6 +138,9 @@ class ChannelStream:
                 self.close(block.first_index)
             return
         self.counts.blocks += 1
+        if latest is not None and self._goes_on(block, latest):
+            self._append(block, self.end)
+            return
         reason = self._objection(block)
         if reason:
             self.refuse(reason)
@@ -164,9 +168,23 @@ class ChannelStream:
 
     # -- which blocks are taken, and as what ---------------------------------------------------
 
+    def _goes_on(self, block: SampleBlock, latest: SampleBlock) -> bool:
+        """Whether this is simply the next block, as nearly all are."""
+        values = block.values
+        return (
+            not self.ended
+            and self._stray is None
+            and block.epoch == latest.epoch
+            and block.first_index + self.segments[-1].offset == self.store.end
+            and block.sample_rate == latest.sample_rate
+            and block.unit == latest.unit
+            and values.dtype == FLOAT32
+            and values.ndim == 1
+        )
+
     def _objection(self, block: SampleBlock) -> str:
         values, rate, latest = block.values, block.sample_rate, self.latest
-        if values.ndim != 1 or values.dtype != np.float32:
+        if values.ndim != 1 or values.dtype != FLOAT32:
             return f'values are {values.dtype} of shape {values.shape}, not float32 of shape (n,)'
         if not 0 < rate <= 1e8:  # NaN too
             return f'sample rate is {rate} Hz'

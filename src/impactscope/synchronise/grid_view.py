@@ -157,17 +157,18 @@ class GridView:
         last = origin + (ahead + out.size - 1) * step
         lowest = segment.first + math.floor(origin + ahead * step + snap)
         highest = segment.first + math.ceil(last - snap)
-        reach = 0 if same_instants else HALF_TAPS
-        flags = store.flags(lowest - reach, highest + reach + 1)
-        if lowest > self._used:  # samples that no grid sample asked for may hold the cause
+        flags = Quality.NONE
+        if store.has_flags:
+            reach = 0 if same_instants else HALF_TAPS
+            flags = store.flags(lowest - reach, highest + reach + 1)
+            # Samples that no grid sample asked for may hold the cause.
             flags |= store.flags(self._used, lowest) & DISCONTINUITY
-        # Forced out before the samples came, or asked for when they were no longer held.
-        known = math.floor((high - 1 - segment.first + snap - origin) / step) + 1 - ahead
-        gone = math.ceil((low - segment.first - snap - origin) / step) - ahead
-        absent = max(0, out.size - max(0, known)) + max(0, min(gone, out.size))
-        if absent:
+        if highest >= high or lowest < low:  # forced out too early; asked for too late
+            known = math.floor((high - 1 - segment.first + snap - origin) / step) + 1 - ahead
+            gone = math.ceil((low - segment.first - snap - origin) / step) - ahead
+            absent = max(0, out.size - max(0, known)) + max(0, min(gone, out.size))
             stream.counts.missing += absent
-            flags |= Quality.MISSING
+            flags |= Quality.MISSING if absent else Quality.NONE
         self._used = max(self._used, segment.first + math.floor(last))
         stream.forget(self._used)
         return flags

@@ -8,20 +8,24 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from impactscope.errors import ConfigurationError, InputError
 from impactscope.records import NANOSECONDS, Quality, SampleBlock
+from impactscope.synchronise.sample_numbering import (
+    BACKWARDS,
+    DUPLICATE,
+    JUMPED,
+    TAKEN,
+    UNSTAMPED,
+    estimate_rate,
+    number_stamps,
+)
 
 __all__ = ['AssemblerStatistics', 'SampleAssembler']
 
 LEARNING_SAMPLES = 128
 MOST_HELD = 100 * LEARNING_SAMPLES  # of samples whose stamps do not tell the rate
-WHOLE_HERTZ = 500e-6  # relative; an estimate this close to a whole number of Hz is that number
-PULL = 1 / 16  # of a deviation, by which each stamp corrects the timeline
-
-_TAKEN, _DUPLICATE, _BACKWARDS, _UNSTAMPED, _JUMPED = range(5)  # what a stamp is
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,77 +39,6 @@ class AssemblerStatistics:
     unstamped: int = 0  # stamp of zero; dropped
     clock_jumps: int = 0
     unplaced: int = 0  # too few for an estimate of the rate when the stream ended; dropped
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _number(
-    stamps: NDArray[np.int64],
-    period: float,
-    jump: float,
-    state: NDArray[np.int64],
-    fraction: NDArray[np.float64],
-    indices: NDArray[np.int64],
-    times: NDArray[np.int64],
-    kinds: NDArray[np.int64],
-) -> None:
-    """Give each stamp its index, its time on a smooth line, and what it is.
-
-    ``state`` is the index, stamp and line time of the sample before (index -1: none).
-    """
-    for k in range(stamps.size):
-        stamp = stamps[k]
-        indices[k] = state[0]
-        times[k] = state[2]
-        if stamp <= 0:
-            kinds[k] = _UNSTAMPED
-            continue
-        if state[0] < 0:
-            state[0], state[1], state[2], fraction[0] = 0, stamp, stamp, 0.0
-            indices[k], times[k], kinds[k] = 0, stamp, _TAKEN
-            continue
-        if stamp == state[1]:
-            kinds[k] = _DUPLICATE
-            continue
-        expected = fraction[0] + period
-        deviation = (stamp - state[2]) - expected
-        lost = 0
-        kinds[k] = _TAKEN
-        if deviation < -jump:  # back by more than jitter: another clock, from here on
-            kinds[k] = _JUMPED
-            expected += deviation
-            deviation = 0.0
-        elif stamp < state[1]:
-            kinds[k] = _BACKWARDS
-            continue
-        elif deviation > 0.5 * period:
-            lost = math.floor(deviation / period + 0.5)
-            expected += lost * period
-            deviation -= lost * period
-        expected += deviation * PULL
-        whole = math.floor(expected)
-        state[0] += 1 + lost
-        state[1] = stamp
-        state[2] += whole
-        fraction[0] = expected - whole
-        indices[k] = state[0]
-        times[k] = state[2]
-
-
-def _estimate_rate(stamps: NDArray[np.int64]) -> float:
-    """Rate in Hz from rising stamps: median difference, then a line through all of them.
-
-    The median is not moved by a few lost samples; by it the stamps are counted; the slope of
-    stamp over count is not moved by jitter. A rate within 500 ppm of a whole number of Hz, as
-    far as the blocks' clock can follow, is that number.
-    """
-    steps = np.diff(stamps)
-    counts = np.concatenate(([0.0], np.cumsum(np.maximum(np.rint(steps / np.median(steps)), 1))))
-    counts -= counts.mean()
-    elapsed = (stamps - stamps[0]).astype(np.float64)
-    period = float(counts @ (elapsed - elapsed.mean()) / (counts @ counts))
-    rate = NANOSECONDS / period
-    whole = round(rate)
-    return float(whole) if whole and abs(rate - whole) <= WHOLE_HERTZ * rate else rate
 
 
 class _Samples(NamedTuple):
@@ -206,6 +139,7 @@ class SampleAssembler:
         self._state = np.array([-1, 0, 0], dtype=np.int64)
         self._fraction = np.zeros(1)
         self._open = _no_samples()  # of the block that is filling
+        self._look_closely = True  # at the values of blocks: some are odd, or it is not known
         self._next_index = 0
         if self._given_rate:
             self._set_rate(self._given_rate)
@@ -301,7 +235,7 @@ class SampleAssembler:
         stamps = stamps[rising]
         if stamps.size < 2:
             return False
-        self._set_rate(_estimate_rate(stamps))
+        self._set_rate(estimate_rate(stamps))
         return True
 
     def _place(self, stamps: NDArray[np.int64], values: NDArray[np.float32]) -> list[SampleBlock]:
@@ -309,7 +243,7 @@ class SampleAssembler:
         period = NANOSECONDS / self._rate
         numbers = np.empty((3, stamps.size), dtype=np.int64)
         new = _Samples(numbers[0], numbers[1], values, numbers[2])
-        _number(
+        number_stamps(
             stamps, period, self._jump_ns, self._state, self._fraction,
             new.indices, new.times, new.kinds,
         )  # fmt: skip
@@ -317,6 +251,7 @@ class SampleAssembler:
         blocks = []
         begin = 0
         if samples.indices.size:
+            self._look_closely = not self._is_clean(samples.values)
             for end in self._ends_in(samples):
                 blocks.append(self._block(samples.part(begin, end)))
                 begin = end
@@ -327,13 +262,13 @@ class SampleAssembler:
 
     def _keep_taken(self, new: _Samples) -> _Samples:
         kinds = new.kinds
-        taken = (kinds == _TAKEN) | (kinds == _JUMPED)
+        taken = (kinds == TAKEN) | (kinds == JUMPED)
         self._count(
             samples=int(np.count_nonzero(taken)),
-            duplicates=int(np.count_nonzero(kinds == _DUPLICATE)),
-            backwards=int(np.count_nonzero(kinds == _BACKWARDS)),
-            unstamped=int(np.count_nonzero(kinds == _UNSTAMPED)),
-            clock_jumps=int(np.count_nonzero(kinds == _JUMPED)),
+            duplicates=int(np.count_nonzero(kinds == DUPLICATE)),
+            backwards=int(np.count_nonzero(kinds == BACKWARDS)),
+            unstamped=int(np.count_nonzero(kinds == UNSTAMPED)),
+            clock_jumps=int(np.count_nonzero(kinds == JUMPED)),
         )
         if taken.all():
             return new
@@ -342,12 +277,29 @@ class SampleAssembler:
     def _ends_in(self, samples: _Samples) -> list[int]:
         """Where blocks end: at whole multiples of their size, before a gap, before a jump."""
         indices = samples.indices
-        begins = (np.diff(indices) != 1) | (samples.kinds[1:] == _JUMPED)
+        begins = (np.diff(indices) != 1) | (samples.kinds[1:] == JUMPED)
         begins |= indices[1:] // self._size != indices[:-1] // self._size
         ends: list[int] = (np.flatnonzero(begins) + 1).tolist()
         if (indices[-1] + 1) % self._size == 0:
             ends.append(indices.size)
         return ends
+
+    def _is_clean(self, values: NDArray[np.float32]) -> bool:
+        """Whether all is finite and within the range; NaN limits are never reached."""
+        least, most = float(values.min()), float(values.max())  # NaN where a value is
+        if not (math.isfinite(least) and math.isfinite(most)):
+            return False
+        low, high = (float(np.float32(limit)) for limit in self._range)
+        return not (least <= low or most >= high)
+
+    def _flags_of(self, values: NDArray[np.float32]) -> Quality:
+        quality = Quality.NONE
+        if not np.isfinite(values).all():
+            quality |= Quality.NOT_FINITE
+        low, high = np.float32(self._range[0]), np.float32(self._range[1])
+        if ((values <= low) | (values >= high)).any():
+            quality |= Quality.CLIPPED
+        return quality
 
     def _block(self, samples: _Samples) -> SampleBlock:
         first, values = int(samples.indices[0]), samples.values
@@ -355,15 +307,10 @@ class SampleAssembler:
         if first > self._next_index:
             quality |= Quality.GAP_BEFORE
             self._count(lost_samples=first - self._next_index)
-        if samples.kinds[0] == _JUMPED:
+        if samples.kinds[0] == JUMPED:
             quality |= Quality.CLOCK_JUMP
-        least, most = values.min(), values.max()  # NaN where one is
-        if not (math.isfinite(least) and math.isfinite(most)):
-            quality |= Quality.NOT_FINITE
-            numbers = values[~np.isnan(values)]
-            least, most = (numbers.min(), numbers.max()) if numbers.size else (math.nan, math.nan)
-        if least <= np.float32(self._range[0]) or most >= np.float32(self._range[1]):
-            quality |= Quality.CLIPPED
+        if self._look_closely:
+            quality |= self._flags_of(values)
         self._next_index = first + values.size
         return self._make(first, int(samples.times[0]), values.copy(), quality)
 

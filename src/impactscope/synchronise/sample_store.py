@@ -114,6 +114,11 @@ class SampleStore:
                 start, stop = last.start, max(stop, last.stop)
         self._flagged.append(_Flagged(start, stop, flags))
 
+    @property
+    def has_flags(self) -> bool:
+        """Whether any sample held may be flagged."""
+        return bool(self._flagged)
+
     def flags(self, start: int, stop: int) -> Quality:
         """Flags of the samples from ``start`` up to ``stop``."""
         flags = Quality.NONE

@@ -112,7 +112,8 @@ class Synchroniser:
         self._next = 0  # grid index, position of the reference times oversampling
         self._oversampling = 1
         self._grid_rate = 0.0  # 0 until it is fixed
-        self._waiting_for: ChannelStream | None = None
+        self._waiting_for: ChannelStream | None = None  # without it the grid does not go on
+        self._pushed: ChannelStream | None = None
         self._closed = True  # no block has come out since the last end marker
         self._described: dict[str, tuple[tuple[object, ...], Channel]] = {}
 
@@ -149,6 +150,7 @@ class Synchroniser:
         if stream is not self._reference and self._too_fast(stream, record):
             return []
         stream.push(record)
+        self._pushed = stream
         waiting = self._waiting_for
         if (
             waiting is None
@@ -168,9 +170,8 @@ class Synchroniser:
 
     def _too_fast(self, stream: ChannelStream, block: SampleBlock) -> bool:
         """Refuse a channel that came after the grid was fixed and would alias on it."""
-        if not self._grid_rate or block.sample_rate <= self._grid_rate * (1 + RATE_TOLERANCE):
-            return False
-        if block.is_end:
+        limit = self._grid_rate * (1 + RATE_TOLERANCE)
+        if not 0 < limit < block.sample_rate or block.is_end:
             return False
         stream.counts.blocks += 1
         stream.refuse(
@@ -274,10 +275,11 @@ class Synchroniser:
         if limit < min(index + least, stop):
             limit = index
         limit = max(limit, min(self._overdue(), end))
-        self._waiting_for = None
-        for view, reach in zip(self._views, covered, strict=True):
-            if reach < min(limit + least, stop):  # the last of them most often comes last
-                self._waiting_for = view.stream
+        enough = min(limit + least, stop)
+        lacking = [v.stream for v, c in zip(self._views, covered, strict=True) if c < enough]
+        # Whichever came last will most often come last again.
+        came_last = self._pushed if limit > index and self._pushed in lacking else None
+        self._waiting_for = came_last or (lacking[-1] if lacking else None)
         return limit
 
     def _emit_until(self, limit: int, blocks: list[SyncedBlock]) -> None:
