@@ -210,6 +210,18 @@ def test_older_definition_is_filled_with_defaults(tmp_path):
     assert np.isnan(block.range_max)
 
 
+def test_older_test_point_is_filled_with_defaults(tmp_path):
+    data = b'\0\1\0\0' + struct.pack('<I3sxd', 3, b'p1\0', 0.25)
+    with RecordingWriter(tmp_path / 'a.mcap') as writer:
+        name = 'impactscope/msg/TestPoint'
+        fields = 'string id\nfloat64 speed\n'
+        writer.write('/test_point', name, data, 5, definition=fields)
+    point = read(tmp_path / 'a.mcap')[0][2]
+    assert (point.id, point.speed, point.contact) == ('p1', 0.25, ContactKind.UNKNOWN)
+    assert np.isnan(point.spring_stiffness)
+    assert point.end_ns == 0
+
+
 def test_newer_definition_keeps_what_is_known(bench, tmp_path):
     own = schema_text(BLOCK_TYPE).split('=' * 80)[0]
     block = bench.block()

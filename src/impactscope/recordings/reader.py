@@ -43,7 +43,9 @@ class Recording:
     """A recording of one or several files, read as a stream: memory does not grow with it.
 
     Made by :func:`open_recording`; also a context manager. With ``tolerate_damage`` a damaged
-    recording ends without an exception, and ``damage`` tells what was lost.
+    recording ends without an exception, and ``damage`` tells what was lost. A chunk that is cut
+    gives its whole messages; one that fails its checksum gives none, since altered samples are
+    no measurement.
     """
 
     def __init__(

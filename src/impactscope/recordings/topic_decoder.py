@@ -33,7 +33,8 @@ Item = tuple[int, str, SampleBlock | TestPoint | SampleRun]
 
 def reading_of(connection: Connection) -> Reading:
     """What a connection's messages become."""
-    if connection.encoding != 'cdr' or connection.definition_encoding not in ('', 'ros2msg'):
+    foreign = connection.definition_encoding not in ('', 'ros2msg')
+    if connection.encoding != 'cdr' or (foreign and connection.definition):
         return Reading.UNREADABLE
     if connection.type == BLOCK_TYPE:
         return Reading.BLOCKS
