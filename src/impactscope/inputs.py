@@ -145,18 +145,21 @@ def recorded_items(recording: Recording, inputs: Sequence[Input] = ()) -> Iterat
 def scan_channels(
     recording: Recording, inputs: Sequence[Input] = (), span: float = 2.0
 ) -> tuple[str, ...]:
-    """Channels that appear in the first ``span`` s of a recording, the reference first.
+    """Channels of the first ``span`` s of each topic of a recording, the reference first.
 
     Raises as :func:`recorded_items` does, but not for damage further on.
     """
     names = [item.channel for item in inputs]
-    limit_ns = recording.info.start_ns + round(span * NANOSECONDS)
-    topics = [topic.name for topic in recording.info.topics if topic.reading is Reading.BLOCKS]
-    if topics:
-        for _, log_ns, record in recording.records(topics):
+    missing = {topic.name for topic in recording.info.topics if topic.reading is Reading.BLOCKS}
+    limit_ns = 0
+    if missing:
+        for name, log_ns, record in recording.records(sorted(missing)):
             if isinstance(record, SampleBlock):
                 names.append(record.channel)
-            if log_ns > limit_ns:
+            if name in missing:  # another device, which may have begun later
+                missing.remove(name)
+                limit_ns = log_ns + round(span * NANOSECONDS)
+            if not missing and log_ns > limit_ns:
                 break
     return channel_order(names)
 

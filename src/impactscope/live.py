@@ -13,7 +13,8 @@ from typing import Any
 
 from impactscope.analysis import AnalysisSettings, load_settings, summarise, with_channels
 from impactscope.configuration import bags_folder
-from impactscope.inputs import inputs_of, scan_channels
+from impactscope.drivers.simulated import campaign_channels, simulated_items
+from impactscope.inputs import channel_order, inputs_of, scan_channels
 from impactscope.nodes.graph import Bench, BenchOptions
 from impactscope.recordings import file_sha256, open_recording
 from impactscope.records import (
@@ -141,20 +142,17 @@ def run_live(
 ) -> AnalysisResult:
     """Run a bench until Ctrl-C, ``duration`` s, or the end of a simulated campaign."""
     settings = load_settings(params_file) if params_file else AnalysisSettings()
-    common: dict[str, Any] = {
-        'start_at': time.time() + START_DELAY,
-        'wait_for_subscribers': ('synced', 'events'),
-    }
+    common: dict[str, Any] = {'wait_for_subscribers': ('synced', 'events')}
     stages: dict[str, dict[str, Any]] = {}
     if campaign:
-        from impactscope.drivers.simulated import campaign_channels
-
+        simulated_items(campaign, seed=seed)  # before the bench starts: both devices share it
         common |= {
+            'start_at': time.time() + START_DELAY,
             'source': 'simulated',
             'simulated.campaign': campaign,
             'simulated.seed': seed,
         }
-        settings = with_channels(settings, campaign_channels(campaign))
+        settings = with_channels(settings, channel_order(campaign_channels(campaign)))
         stages['synchroniser'] = {'channels': settings.synchroniser.channels}
     options = BenchOptions(
         namespace=namespace,
@@ -196,8 +194,9 @@ def run_demo(
     write_report(result, report)
     yield 'A real instrumented hammer blow, replayed through the graph', result, report
     for campaign, title in (
-        ('hand', 'A simulated campaign within the limits'),
-        ('hand_fast', 'The same, too fast'),
+        ('taps', 'Hammer taps on the simulated bench: the sensor is identified'),
+        ('hand_pass', 'A simulated campaign on a hand, within the limits'),
+        ('hand_fail', 'The same, too fast'),
     ):
         target = folder / f'demo_{campaign}.mcap'
         result = run_live(

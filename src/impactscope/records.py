@@ -150,7 +150,7 @@ class SyncedBlock:
     @property
     def is_end(self) -> bool:
         """Whether this marks the end of the stream."""
-        return self.values.shape[1] == 0
+        return bool(self.values.shape[1] == 0)
 
 
 @dataclass(frozen=True, slots=True)

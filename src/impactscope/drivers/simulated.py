@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import heapq
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from pathlib import Path
 
 from impactscope.physics.twin.campaigns import CAMPAIGNS, campaign
@@ -36,15 +37,16 @@ def campaign_channels(name: str) -> tuple[str, ...]:
     return tuple(campaign(name).chain)
 
 
+@lru_cache(maxsize=2)
 def simulated_items(
     name: str, *, seed: int = 1, block_duration: float = 0.02, sample_rate: float = 0.0
-) -> list[Item]:
-    """Blocks and test points of a campaign in order of time.
+) -> tuple[Item, ...]:
+    """Blocks and test points of a campaign in order of time; kept, for the devices share it.
 
     Raises ConfigurationError for a campaign that is not known.
     """
     simulated = stream(_at_rate(campaign(name), sample_rate), seed, SIMULATION_START_NS)
-    return list(_in_order(simulated, block_duration))
+    return tuple(_in_order(simulated, block_duration))
 
 
 def _at_rate(plan: Campaign, sample_rate: float) -> Campaign:

@@ -54,7 +54,9 @@ class Driver(LifecycleNode):
             'clock_tolerance', 1e-3, 'device clock against sample count [s]', low=0.0
         )
         self._wait_for = get(
-            'wait_for_subscribers', (), 'topics that must have a subscriber before the first block'
+            'wait_for_subscribers',
+            (),
+            'topics that must have a subscriber before the first block, as topic or topic:count',
         )
         self._wait_time = get('wait_time', 10.0, 'wait no longer for subscribers [s]', low=0.0)
         self._faults = get('faults', (), 'faults to rehearse, kind@seconds[:duration]')
@@ -199,7 +201,7 @@ class Driver(LifecycleNode):
         missing = list(self._wait_for)
         waited = 0.0
         while missing and waited < self._wait_time and not self._stop.is_set():
-            missing = [topic for topic in missing if self.count_subscribers(topic) == 0]
+            missing = [text for text in missing if not self._has_subscribers(text)]
             if missing:
                 self._stop.wait(0.05)
                 waited += 0.05
@@ -209,6 +211,10 @@ class Driver(LifecycleNode):
                 f'{self._wait_time} s; going on'
             )
         self._stop.wait(0.1)  # discovery is seen here a moment before data can flow there
+
+    def _has_subscribers(self, text: str) -> bool:
+        topic, _, count = text.partition(':')
+        return bool(self.count_subscribers(topic) >= int(count or 1))
 
     def _on_progress(self, message: msg.SyncedBlock) -> None:
         source: Any = self._source

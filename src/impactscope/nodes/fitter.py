@@ -18,6 +18,7 @@ from impactscope.nodes import qos
 from impactscope.nodes.base import StageNode
 from impactscope.nodes.conversions import to_message, to_record
 from impactscope.nodes.parameters import declare_settings, refuse_unknown
+from impactscope.nodes.warm_up import warm_up_fitter
 
 __all__ = ['FitterNode']
 
@@ -30,6 +31,7 @@ class FitterNode(StageNode):
         self._stage = Fitter(declare_settings(self, FitterSettings))
         self._impact = declare_settings(self, ImpactSettings, prefix='impact.')
         refuse_unknown(self)
+        warm_up_fitter()
         self._sensor_publisher = self.create_publisher(
             msg.SensorParameters, 'sensor_parameters', qos.LATCHED
         )

@@ -13,6 +13,7 @@ from impactscope.nodes import qos
 from impactscope.nodes.base import StageNode
 from impactscope.nodes.conversions import to_message, to_record
 from impactscope.nodes.parameters import declare_settings, refuse_unknown
+from impactscope.nodes.warm_up import warm_up_detector
 from impactscope.records import Channel, ImpactEvent, SyncedBlock
 
 __all__ = ['Detector']
@@ -26,6 +27,7 @@ class Detector(StageNode):
         settings = declare_settings(self, DetectorSettings)
         profile = declare_settings(self, MeasurementProfile, prefix='profile.')
         refuse_unknown(self)
+        warm_up_detector()
         self._stage = ImpactDetector(settings, profile)
         self._publisher = self.create_publisher(msg.ImpactEvent, 'events', qos.EVENTS)
         self.ended = False

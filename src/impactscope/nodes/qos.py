@@ -11,9 +11,10 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 __all__ = ['DIAGNOSTICS', 'EVENTS', 'LATCHED', 'MIRROR', 'OVERRIDES', 'SAMPLES', 'WRENCH_IN']
 
-# At 20 ms a block this is 20 s of one channel, or 5 s of four channels on one topic.
+# At 20 ms a block this is 80 s of one channel, or 20 s of four channels on one topic: what a
+# consumer may fall behind, while it is started for instance, before data is lost.
 SAMPLES = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE
+    history=HistoryPolicy.KEEP_LAST, depth=4000, reliability=ReliabilityPolicy.RELIABLE
 )
 # One message a sample: a second at 10 kHz.
 WRENCH_IN = QoSProfile(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from impactscope.errors import ConfigurationError
 from impactscope.nodes.base import STEADY, StageNode
 from impactscope.nodes.parameters import declare, refuse_unknown
+from impactscope.nodes.topics import TOPICS
 from impactscope.recordings import Delivery, RecordingWriter
 from impactscope.version import __version__
 
@@ -42,9 +43,11 @@ class Recorder(StageNode):
         self._writer = RecordingWriter(
             target, metadata={'provenance': {'software': f'impactscope {__version__}', **notes}}, overwrite=True
         )
+        self._closed = False
         self._bytes = 0
         self._waiting: list[tuple[str, str, bytes, Delivery]] = []
         self._topics: set[str] = set()
+        self._subscribe_known()
         self._discover()
         self.create_timer(0.2, self._discover, clock=STEADY)
 
@@ -60,46 +63,41 @@ class Recorder(StageNode):
             return False
         return topic.startswith(namespace) or topic == '/diagnostics'
 
+    def _subscribe_known(self) -> None:
+        """The bench's own topics, before anybody publishes on them."""
+        for name, (kind, profile) in TOPICS.items():
+            topic = self.resolve_topic_name(name)
+            if self._is_wanted(topic):
+                self._subscribe(topic, kind, profile)
+
     def _discover(self) -> None:
         for topic, types in self.get_topic_names_and_types():
             if topic in self._topics or not self._is_wanted(topic):
                 continue
-            offers = self.get_publishers_info_by_topic(topic)
+            offers = [offer.qos_profile for offer in self.get_publishers_info_by_topic(topic)]
             if not offers:
                 continue
-            self._topics.add(topic)
             kind = _message_class(types[0])
             if kind is None:
-                self.get_logger().warning(
-                    f'recorder: {topic} of type {types[0]} is not known here'
-                )
+                self._topics.add(topic)
+                self.get_logger().warning(f'recorder: {topic} of type {types[0]} is not known here')
                 continue
-            reliable = all(
-                offer.qos_profile.reliability == ReliabilityPolicy.RELIABLE for offer in offers
-            )
-            latched = all(
-                offer.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-                for offer in offers
-            )
-            profile = QoSProfile(
-                history=HistoryPolicy.KEEP_LAST,
-                depth=2000,
-                reliability=ReliabilityPolicy.RELIABLE
-                if reliable
-                else ReliabilityPolicy.BEST_EFFORT,
-                durability=DurabilityPolicy.TRANSIENT_LOCAL
-                if latched
-                else DurabilityPolicy.VOLATILE,
-            )
-            delivery = Delivery.LATCHED if latched else Delivery.STREAM
-            self.create_subscription(
-                kind, topic, self.guard(self._callback(topic, types[0], delivery)), profile, raw=True
-            )
+            self._subscribe(topic, kind, _what_all_offer(offers))
+
+    def _subscribe(self, topic: str, kind: Any, profile: QoSProfile) -> None:
+        self._topics.add(topic)
+        latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        delivery = Delivery.LATCHED if latched else Delivery.STREAM
+        package = kind.__module__.partition('.')[0]
+        callback = self._callback(topic, f'{package}/msg/{kind.__name__}', delivery)
+        self.create_subscription(kind, topic, self.guard(callback), profile, raw=True)
 
     def _callback(
         self, topic: str, type_name: str, delivery: Delivery
     ) -> Callable[[bytes], None]:
         def on_message(data: bytes) -> None:
+            if self._closed:
+                return
             self._bytes += len(data)
             self._waiting.append((topic, type_name, data, delivery))
             now_ns = int(self.get_clock().now().nanoseconds)
@@ -117,16 +115,32 @@ class Recorder(StageNode):
     def finish(self) -> None:
         """Write what waits, and close the file."""
         self._write_waiting(int(self.get_clock().now().nanoseconds))
+        self._close()
+
+    def _close(self) -> None:
+        self._closed = True
         self._writer.close()
 
     def destroy_node(self) -> None:
         """Close the file and go."""
-        self._writer.close()
+        self._close()
         super().destroy_node()
 
     def state(self) -> tuple[str, dict[str, Any]]:
         """What has been written."""
         return '', {'file': self.path.name, 'bytes': self._bytes, 'topics': len(self._topics)}
+
+
+def _what_all_offer(offers: Sequence[QoSProfile]) -> QoSProfile:
+    """The most that can be asked for without losing a publisher."""
+    reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
+    latched = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=2000,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
 
 
 def _message_class(type_name: str) -> Any:

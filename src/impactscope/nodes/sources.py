@@ -47,13 +47,14 @@ def make(kind: str, options: Mapping[str, Any], wants: Callable[[str], bool]) ->
     """The source of a kind; raises ConfigurationError for an unknown kind or a wrong option."""
     start_ns = round(options['start_at'] * NANOSECONDS)
     if kind == 'simulated':
-        begin_ns = start_ns or time.time_ns()
         items = simulated_items(
             options['simulated.campaign'],
             seed=options['simulated.seed'],
             block_duration=options['simulated.block_duration'],
             sample_rate=options['simulated.sample_rate'],
         )
+        # Simulating takes a while; without a given start, the device begins when it is done.
+        begin_ns = start_ns or time.time_ns()
         return Playback(
             lambda: items,
             wants,

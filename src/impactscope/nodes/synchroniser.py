@@ -20,6 +20,7 @@ from impactscope.nodes import qos, wire
 from impactscope.nodes.base import STEADY, StageNode
 from impactscope.nodes.conversions import time_message, to_message, to_record
 from impactscope.nodes.parameters import declare, declare_settings, refuse_unknown
+from impactscope.nodes.warm_up import warm_up_synchroniser
 from impactscope.records import SampleBlock, SyncedBlock
 from impactscope.synchronise import (
     ChannelMirror,
@@ -58,6 +59,7 @@ class SynchroniserNode(StageNode):
             self, 'mirror_rate', 200.0, 'of the mirrored channels for plots [Hz]; 0: none', low=0.0
         )
         refuse_unknown(self)
+        warm_up_synchroniser()
         self._stage = Synchroniser(settings)
         self._publisher = self.create_publisher(
             msg.SyncedBlock, 'synced', qos.SAMPLES, qos_overriding_options=qos.OVERRIDES
