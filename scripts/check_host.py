@@ -12,16 +12,18 @@ import sysconfig
 def missing() -> list[str]:
     """One line for each thing that is not there."""
     lines = []
-    if sys.version_info < (3, 11):
+    if sys.version_info < (3, 11):  # noqa: UP036 - said in words before anything else fails
         lines.append(
             f'Python 3.11 or newer is needed, this is {platform.python_version()}: '
             'apt install python3.11 python3.11-venv python3.11-dev, then make PYTHON=python3.11'
         )
     if importlib.util.find_spec('ensurepip') is None or importlib.util.find_spec('venv') is None:
         lines.append('Python cannot make virtual environments: apt install python3-venv')
-    for tool in ('cc', 'c++', 'make'):
-        if shutil.which(tool) is None:
-            lines.append(f'no program {tool!r}: apt install build-essential')
+    lines.extend(
+        f'no program {tool!r}: apt install build-essential'
+        for tool in ('cc', 'c++', 'make')
+        if shutil.which(tool) is None
+    )
     header = pathlib.Path(sysconfig.get_paths()['include']) / 'Python.h'
     if not header.exists():
         lines.append(f'no header {header}: apt install python3-dev')

@@ -95,6 +95,10 @@ def load_settings(path: Path | str) -> AnalysisSettings:
     )
 
 
+def _nothing(_: object) -> None:
+    """Take no notice."""
+
+
 class Pipeline:
     """Blocks in, results of blows out. The channels must be known: see ``with_channels``."""
 
@@ -155,7 +159,7 @@ class Pipeline:
         return results
 
     def _judge(self, event: ImpactEvent) -> list[EventResult]:
-        results = []
+        results: list[EventResult] = []
         for sensor in self._fitter.push(event):
             impact = estimate_impact(event, sensor, self._impact)
             verdicts = self._compliance.push(event, sensor=sensor, impact=impact)
@@ -176,8 +180,8 @@ def analyse(
     settings: AnalysisSettings | None = None,
     *,
     test_point: TestPoint | None = None,
-    progress: Callable[[float], None] = lambda share: None,
-    on_result: Callable[[EventResult], None] = lambda result: None,
+    progress: Callable[[float], None] = _nothing,
+    on_result: Callable[[EventResult], None] = _nothing,
 ) -> AnalysisResult:
     """Analyse a recording from end to end.
 

@@ -12,7 +12,7 @@ import json
 import math
 import sys
 import time
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -74,7 +74,7 @@ _STYLE = {
 }
 
 
-class Contact(str, Enum):
+class Contact(StrEnum):
     """How the body part is held."""
 
     constrained = 'constrained'
@@ -290,10 +290,13 @@ def convert(
         str, typer.Option(help="Column of time as 'column:unit', such as 0:s.")
     ] = '',
     sample_rate: Annotated[
-        float, typer.Option(help='Hz, where there is no column of time.', min=0.0)
-    ] = 0.0,
-    skip_rows: Annotated[int, typer.Option(help='Header rows to skip.', min=0)] = 0,
+        float | None, typer.Option(help='Hz, where there is no column of time.', min=0.0)
+    ] = None,
+    skip_rows: Annotated[
+        int | None, typer.Option(help='Header rows to skip; found if not given.', min=0)
+    ] = None,
     transpose: Annotated[bool, typer.Option(help='Channels are rows, not columns.')] = False,
+    overwrite: Annotated[bool, typer.Option(help='Replace an existing recording.')] = False,
 ) -> None:
     """Turn CSV, NumPy or MATLAB data into a recording. Without a destination: describe the file.
 
@@ -302,21 +305,28 @@ def convert(
     from impactscope import recordings
 
     if destination is None:
-        out.print(escape(recordings.describe(source)))
+        for line in recordings.describe(source, skip_rows=skip_rows, transpose=transpose):
+            out.print(escape(line))
         return
     if mapping is not None:
-        columns = recordings.load_mapping(mapping)
+        columns = recordings.ColumnMapping.from_yaml(mapping)
     else:
+        column, _, unit = time_column.rpartition(':')
         columns = recordings.ColumnMapping.from_strings(
             channel or [],
-            time_column=time_column,
+            time=_column(column),
+            time_unit=unit or 's',
             sample_rate=sample_rate,
             skip_rows=skip_rows,
             transpose=transpose,
         )
-    recordings.convert(source, destination, columns)
-    size = destination.stat().st_size / 1e6
-    out.print(f'wrote [bold]{escape(str(destination))}[/bold] ({size:.1f} MB)')
+    made = recordings.convert(source, destination, columns, overwrite=overwrite)
+    out.print(
+        f'wrote [bold]{escape(str(destination))}[/bold]: {escape(", ".join(made.channels))}, '
+        f'{made.samples} samples each at {made.sample_rate:g} Hz'
+    )
+    if made.quality:
+        out.print(f'quality flags: {", ".join(str(flag.name) for flag in made.quality)}')
 
 
 @app.command()
@@ -332,6 +342,12 @@ def demo(
         out.rule(escape(title))
         _print_summary(result)
         out.print(f'report: [bold]{escape(str(report))}[/bold]')
+
+
+def _column(text: str) -> str | int | None:
+    if not text:
+        return None
+    return int(text) if text.isdecimal() else text
 
 
 def _test_point(region: str, contact: Contact | None) -> TestPoint | None:
@@ -386,11 +402,11 @@ def _quantity(estimate: Estimate, scale: float, unit: str) -> str:
 
 def _print_blow(result: EventResult) -> None:
     event, verdict = result.event, result.verdict
+    clock = time.strftime('%H:%M:%S', time.gmtime(event.stamp_ns // 10**9))
     contacts = f'{len(event.contacts)} contact{"s" if len(event.contacts) != 1 else ""}'
     reason = verdict.reasons[0] if verdict.reasons else ''
     out.print(
-        f'blow {event.event_id} at {time.strftime("%H:%M:%S", time.gmtime(event.stamp_ns // 10**9))}'
-        f'.{event.stamp_ns // 10**6 % 1000:03d}: '
+        f'blow {event.event_id} at {clock}.{event.stamp_ns // 10**6 % 1000:03d}: '
         f'{contacts}, peak {_quantity(result.impact.peak_force, 1, "N")}, '
         f'[{_STYLE[verdict.verdict]}]{verdict.verdict.name}[/]. {escape(reason)}'
     )

@@ -103,9 +103,7 @@ def test_two_benches_side_by_side(tmp_path):
     try:
         with concurrent.futures.ThreadPoolExecutor(2) as pool:
             runs = [
-                pool.submit(
-                    replay_recording, bags_folder() / name, rate=2.0, namespace=namespace
-                )
+                pool.submit(replay_recording, bags_folder() / name, rate=2.0, namespace=namespace)
                 for name, namespace in (
                     ('hammer_blow_1.mcap', 'left'),
                     ('hammer_blow_2.mcap', 'right'),

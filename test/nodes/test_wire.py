@@ -40,7 +40,9 @@ def test_reads_what_was_serialised(path, letter, frame, value, sec, nanosec):
     assert frame_id(data) == frame
 
 
-@pytest.mark.parametrize(('kind', 'axis'), [('wrench', 'force.w'), ('wrench', 'linear.x'), ('twist', 'linear.x')])
+@pytest.mark.parametrize(
+    ('kind', 'axis'), [('wrench', 'force.w'), ('wrench', 'linear.x'), ('twist', 'linear.x')]
+)
 def test_unknown_kind_or_axis(kind, axis):
     with pytest.raises(ConfigurationError, match='known are'):
         StampedValueReader(kind, axis)

@@ -40,7 +40,8 @@ def parse_faults(texts: Iterable[str]) -> tuple[Fault, ...]:
         match = re.fullmatch(r'(\w+)@([\d.]+)(?::([\d.]+))?', text.strip())
         if match is None or match[1] not in _KINDS:
             raise ConfigurationError(
-                f'fault {text!r}; written as kind@seconds[:duration], kinds are {", ".join(_KINDS)}'
+                f'fault {text!r}; written as kind@seconds[:duration], '
+                f'kinds are {", ".join(_KINDS)}'
             )
         faults.append(Fault(match[1], float(match[2]), float(match[3] or 0.0)))
     return tuple(faults)

@@ -88,10 +88,7 @@ class Playback:
         blocks: list[SampleBlock] = []
         while self._pending is not None and self.pace is not None and not blocks:
             item = self._pending
-            if isinstance(item, TestPoint):
-                due_ns = item.end_ns or item.start_ns
-            else:
-                due_ns = end_ns(item)
+            due_ns = _due_ns(item)
             remaining = max(deadline - time.monotonic(), 0.0)
             if not self.pace.wait(due_ns + self._shift_ns, remaining):
                 return blocks
@@ -138,6 +135,12 @@ class Playback:
 
     def _end_markers(self) -> list[SampleBlock]:
         return [end_marker(block) for name, block in self._last.items() if name not in self._ended]
+
+
+def _due_ns(item: Item) -> int:
+    if isinstance(item, TestPoint):
+        return item.end_ns or item.start_ns
+    return end_ns(item)
 
 
 def end_marker(last: SampleBlock) -> SampleBlock:

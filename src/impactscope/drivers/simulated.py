@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import heapq
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -70,11 +69,15 @@ def _in_order(simulated: Stream, block_duration: float) -> Iterator[Item]:
         )
         if time_ns
     ]
-    blocks = (
-        (block.received_ns, len(points), block) for block in simulated.blocks(block_duration)
-    )
-    for _, _, item in heapq.merge(sorted(points, key=lambda p: p[:2]), blocks, key=lambda p: p[0]):
-        yield item
+    points.sort(key=lambda item: item[:2])
+    waiting: list[TestPoint] = [point for _, _, point in points]
+    due_ns = [time_ns for time_ns, _, _ in points]
+    for block in simulated.blocks(block_duration):
+        while due_ns and due_ns[0] <= block.received_ns:
+            del due_ns[0]
+            yield waiting.pop(0)
+        yield block
+    yield from waiting
 
 
 def topic_of(channel: str) -> str:
@@ -89,11 +92,12 @@ def write_simulation(
     *,
     seed: int = 1,
     sample_rate: float = 0.0,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] | None = None,
 ) -> None:
     """Write a campaign as a recording, as if a graph had recorded its drivers."""
     items = simulated_items(name, seed=seed, sample_rate=sample_rate)
     provenance = {
+        'kind': 'simulated',
         'source': f'simulated: {campaign(name).description}',
         'campaign': name,
         'seed': str(seed),
@@ -107,6 +111,5 @@ def write_simulation(
                 writer.write_test_point(item, '/bench/test_point')
             else:
                 writer.write_block(item, topic_of(item.channel))
-            if number % 100 == 0:
+            if progress is not None and number % 100 == 0:
                 progress(number / len(items))
-    progress(1.0)

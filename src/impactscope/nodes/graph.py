@@ -71,7 +71,7 @@ class Bench:
         self.drivers: list[Driver] = []
         self.nodes: list[Node] = []
 
-    def _keywords(self, name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    def _keywords(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         options = self._options
         overrides = dict(parameters)
         if options.use_sim_time:
@@ -104,7 +104,7 @@ class Bench:
         self._spinner.__enter__()
         # The drivers come last: whoever listens is there before the first block.
         for name, parameters in options.drivers.items():
-            driver = _DRIVERS[name](**self._keywords(name, parameters))
+            driver = _DRIVERS[name](**self._keywords(parameters))
             self.drivers.append(driver)
             self._spinner.add_first(driver)
         return self
@@ -114,7 +114,7 @@ class Bench:
 
         def add(kind: Any, name: str, **parameters: Any) -> Any:
             given = {**options.stages.get(name, {}), **parameters}
-            node = kind(**self._keywords(name, given))
+            node = kind(**self._keywords(given))
             self.nodes.append(node)
             return node
 
@@ -124,7 +124,7 @@ class Bench:
         self.detector = add(Detector, 'impact_detector')
         self.fitter = add(FitterNode, 'fitter')
         self.compliance = add(ComplianceNode, 'compliance')
-        self.collector = Collector(*self._callbacks, **self._keywords('collector', {}))
+        self.collector = Collector(*self._callbacks, **self._keywords({}))
         self.nodes.append(self.collector)
         if options.record_to is not None:
             add(Recorder, 'recorder', path=str(options.record_to))

@@ -57,7 +57,7 @@ def declare(
     try:
         given = node.declare_parameter(name, value, descriptor).value
     except InvalidParameterTypeException as error:
-        override = node._parameter_overrides[name].value  # noqa: SLF001 - rclpy names it nowhere else
+        override = node._parameter_overrides[name].value
         if isinstance(default, float) and isinstance(override, int):
             raise ConfigurationError(
                 f'{node.get_name()}: parameter {name} is {override}; '
@@ -68,7 +68,7 @@ def declare(
             f'a {type(default).__name__} is needed ({doc})'
         ) from error
     except InvalidParameterValueException as error:
-        override = node._parameter_overrides[name].value  # noqa: SLF001
+        override = node._parameter_overrides[name].value
         raise ConfigurationError(
             f'{node.get_name()}: parameter {name} is {override!r}; it must lie between {low} and '
             f'{"any" if high is None else high} ({doc})'
@@ -87,8 +87,9 @@ def declare_settings(node: Node, kind: type[T], *, prefix: str = '', **defaults:
     values: dict[str, Any] = {}
     for item in dataclasses.fields(kind):  # type: ignore[arg-type]
         default = defaults.get(item.name, item.default)
-        if default is dataclasses.MISSING and item.default_factory is not dataclasses.MISSING:
-            default = item.default_factory()
+        factory: Any = item.default_factory
+        if default is dataclasses.MISSING and factory is not dataclasses.MISSING:
+            default = factory()
         doc = comments.get(item.name, item.name.replace('_', ' '))
         values[item.name] = declare(node, prefix + item.name, default, doc)
     return kind(**values)
@@ -105,14 +106,10 @@ def field_comments(kind: type[Any]) -> dict[str, str]:
 
 def refuse_unknown(node: Node) -> None:
     """Raise ConfigurationError where a parameter was given that the node does not have."""
-    given = {name for name in node._parameter_overrides if not name.startswith(_NOT_OURS)}  # noqa: SLF001
+    given = {name for name in node._parameter_overrides if not name.startswith(_NOT_OURS)}
     unknown = sorted(name for name in given if not node.has_parameter(name))
     if unknown:
-        known = sorted(
-            name
-            for name in node._parameters  # noqa: SLF001
-            if not name.startswith(_NOT_OURS)
-        )
+        known = sorted(name for name in node._parameters if not name.startswith(_NOT_OURS))
         raise ConfigurationError(
             f'{node.get_name()}: unknown parameter {", ".join(unknown)}; '
             f'known are {", ".join(known) or "none"}'

@@ -41,7 +41,9 @@ class Recorder(StageNode):
         target.parent.mkdir(parents=True, exist_ok=True)
         self.path = target
         self._writer = RecordingWriter(
-            target, metadata={'provenance': {'software': f'impactscope {__version__}', **notes}}, overwrite=True
+            target,
+            metadata={'provenance': {'software': f'impactscope {__version__}', **notes}},
+            overwrite=True,
         )
         self._closed = False
         self._bytes = 0
@@ -80,7 +82,9 @@ class Recorder(StageNode):
             kind = _message_class(types[0])
             if kind is None:
                 self._topics.add(topic)
-                self.get_logger().warning(f'recorder: {topic} of type {types[0]} is not known here')
+                self.get_logger().warning(
+                    f'recorder: {topic} of type {types[0]} is not known here'
+                )
                 continue
             self._subscribe(topic, kind, _what_all_offer(offers))
 
@@ -92,9 +96,7 @@ class Recorder(StageNode):
         callback = self._callback(topic, f'{package}/msg/{kind.__name__}', delivery)
         self.create_subscription(kind, topic, self.guard(callback), profile, raw=True)
 
-    def _callback(
-        self, topic: str, type_name: str, delivery: Delivery
-    ) -> Callable[[bytes], None]:
+    def _callback(self, topic: str, type_name: str, delivery: Delivery) -> Callable[[bytes], None]:
         def on_message(data: bytes) -> None:
             if self._closed:
                 return
