@@ -33,7 +33,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-_CREST = 0.9  # share of the peak above which samples enter its parabola: 0.03 % off for a sine
+_CREST = 0.9  # share of the peak above which samples enter its parabola
+_CREST_BIAS = 1.5e-4  # of the peak: a sine's crest is no parabola
 _FEWEST_CREST_SAMPLES = 7
 
 
@@ -90,7 +91,9 @@ def find_peak(values: ArrayLike, sample_rate: float, noise_std: float) -> Peak:
     _, b1, b2 = coefficients
     turn = float(np.clip(-b1 / (2 * b2), -1, 1)) if b2 < 0 else 0.0
     gradient = np.array([1.0, turn, turn**2])
-    height_std = math.sqrt(gradient @ covariance @ gradient)
+    height_std = math.hypot(
+        math.sqrt(gradient @ covariance @ gradient), _CREST_BIAS * float(y[top])
+    )
     time_std = scale
     if b2 < 0:
         slope = np.array([0.0, -1 / (2 * b2), b1 / (2 * b2**2)])
@@ -324,24 +327,31 @@ def _transition(w: float, zeta: float, h: float) -> tuple[Array, Array]:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _predict(
-    x: Array, p: Array, step: Array, noise: Array, touching: bool, begins: bool, onset: float
+    x: Array,
+    p: Array,
+    step: Array,
+    noise: Array,
+    touching: bool,
+    begins: bool,
+    onset: float,
+    work: Array,
 ) -> None:
-    """Advance mean (4,) and covariance (4, 4) by a sample, in place."""
-    y = np.zeros(4)
-    half, full = np.zeros((4, 4)), np.zeros((4, 4))
+    """Advance mean (4,) and covariance (4, 4) by a sample, in place; ``work`` is (5, 4)."""
     for i in range(4):
+        work[4, i] = 0.0
         for j in range(4):
-            y[i] += step[i, j] * x[j]
+            work[4, i] += step[i, j] * x[j]
+            total = 0.0
             for m in range(4):
-                half[i, j] += step[i, m] * p[m, j]
+                total += step[i, m] * p[m, j]
+            work[i, j] = total
     for i in range(4):
+        x[i] = work[4, i]
         for j in range(4):
+            total = noise[i, j] if touching else 0.0
             for m in range(4):
-                full[i, j] += half[i, m] * step[j, m]
-    for i in range(4):
-        x[i] = y[i]
-        for j in range(4):
-            p[i, j] = full[i, j] + (noise[i, j] if touching else 0.0)
+                total += work[i, m] * step[j, m]
+            p[i, j] = total
     if not touching or begins:  # nothing pushes: force and its rate are zero, and known to be
         for i in range(2, 4):
             x[i] = 0.0
@@ -365,19 +375,21 @@ def _filter(
     if touching[0]:
         p[3, 3] = onset
     cost = 0.0
-    gain = np.empty(4)
+    gain, row, work = np.empty(4), np.empty(4), np.empty((5, 4))
     for k in range(n):
         if k > 0:
             begins = touching[k] and not touching[k - 1]
-            _predict(x, p, step, noise, touching[k], begins, onset)
-        means[k], covariances[k] = x, p
+            _predict(x, p, step, noise, touching[k], begins, onset, work)
+        for i in range(4):
+            means[k, i] = x[i]
+            for j in range(4):
+                covariances[k, i, j] = p[i, j]
         spread = p[0, 0] + variance
         innovation = y[k] - x[0]
         cost += 0.5 * (innovation * innovation / spread + math.log(spread))
         innovations[k], spreads[k] = innovation, spread
         for i in range(4):
-            gain[i] = p[i, 0] / spread
-        row = p[0].copy()
+            gain[i], row[i] = p[i, 0] / spread, p[0, i]
         for i in range(4):
             x[i] += gain[i] * innovation
             for j in range(4):
