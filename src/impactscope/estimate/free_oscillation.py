@@ -105,9 +105,8 @@ class Solution(NamedTuple):
     def significance(self, inflation: float = 1.0) -> float:
         """Bound on the probability that noise alone gives so strong a line anywhere."""
         n = self.residual.size
-        variance = self.rss / (n - PARAMETERS) * inflation**2
-        explained = max(self.energy - self.rss, 0.0)
-        gain = 0.5 * explained / variance if variance > 0.0 else math.inf
+        left = self.rss / self.energy
+        gain = -0.5 * (n - PARAMETERS) * math.log(left) / inflation**2 if left > 0.0 else math.inf
         return min(1.0, NOISE_SEARCH * n * math.exp(-min(gain, 700.0)))
 
 
@@ -356,16 +355,19 @@ def describe(solution: Solution, mean: float, sample_rate: float) -> FreeOscilla
 def _inflation(solution: Solution, n: int) -> float:
     """Root of the residual's power at the oscillation over what white noise would have.
 
-    The residual is weighted by the envelope, as the estimate weights it, and its spectrum
-    smoothed over half the oscillation's frequency (a lag window of two periods).
+    Once for the whole span, as a stationary noise shows itself best, and once weighted by the
+    envelope, as the estimate weighs it and a wrong model shows itself; the larger counts. The
+    spectrum is smoothed over half the oscillation's frequency (a lag window of two periods).
     """
     envelope = np.exp(-solution.s * np.arange(n) / n)
-    weighted = solution.residual * envelope
-    spectrum = np.fft.rfft(weighted, 1 << (2 * n - 1).bit_length())
-    covariance = np.fft.irfft(spectrum.real**2 + spectrum.imag**2)
     span = max(2, min(n // 2, math.ceil(2.0 * TWO_PI * n / solution.w)))
     lags = np.arange(1, span)
-    terms = (1.0 - lags / span) * covariance[1:span] * np.cos(solution.w * lags / n)
-    power = covariance[0] + 2.0 * float(np.sum(terms))
-    white = solution.rss / (n - PARAMETERS) * float(np.sum(envelope**2))
-    return math.sqrt(max(1.0, power / white))
+    window = 2.0 * (1.0 - lags / span) * np.cos(solution.w * lags / n)
+    variance = solution.rss / (n - PARAMETERS)
+    ratio = 1.0
+    for weight in (np.ones(n), envelope):
+        spectrum = np.fft.rfft(solution.residual * weight, 1 << (2 * n - 1).bit_length())
+        covariance = np.fft.irfft(spectrum.real**2 + spectrum.imag**2)[:span]
+        power = float(covariance[0] + np.sum(window * covariance[1:]))
+        ratio = max(ratio, power / (variance * float(np.sum(weight**2))))
+    return math.sqrt(ratio)

@@ -31,7 +31,7 @@ FEWEST_PERIODS = 3.0  # a trimmed span keeps at least so many, and ...
 SHORTEST = 48  # ... so many samples
 LEAST_AMPLITUDE = 0.4  # share of an oscillation's amplitude that a later start must keep
 LEAST_SNR = 10.0  # amplitude over noise of an oscillation found somewhere after a long contact
-GOOD_FIT = 0.9  # R² below which a span that fails the tests is no free vibration
+GOOD_FIT = 0.9  # R² without noise below which a span that fails the tests is no free vibration
 MOST_DAMPING = 0.3  # beyond it a vibration is too short to differ from a contact's end
 MOST_STARTS = 48
 SIGNIFICANT = 1e-4
@@ -92,10 +92,10 @@ def choose_span(
         trial = later if later.passes else trial
     if trial.solution is None:
         raise EstimationError(trial.reason)
-    if not trial.passes and trial.r_squared < GOOD_FIT:
+    if not trial.passes and trial.agreement < GOOD_FIT:
         raise EstimationError(
             'no span after the last contact behaves as one free damped oscillation '
-            f'(R² is {trial.r_squared:.2f} at best)'
+            f'(R² without the noise is {trial.agreement:.2f} at best)'
         )
     fit = model.describe(trial.solution, mean + trial.mean, sample_rate)
     if earliest is None and fit.damping_ratio.value > MOST_DAMPING:
@@ -131,6 +131,7 @@ class _Trial:
     passes: bool = False
     shift: float = math.inf
     excess: float = math.inf
+    level: float = 0.0  # the noise's variance, near the oscillation
     reason: str = ''
 
     @property
@@ -162,11 +163,12 @@ class _Trial:
         return math.sqrt(self.solution.rss / self.solution.residual.size)
 
     @property
-    def r_squared(self) -> float:
-        """Of the fit; -inf without one."""
+    def agreement(self) -> float:
+        """Share of the energy that is not misfit: R² with the noise left out; -inf without fit."""
         if self.solution is None:
             return -math.inf
-        return 1.0 - self.solution.rss / self.solution.energy
+        misfit = self.solution.rss - self.level * self.solution.residual.size
+        return 1.0 - max(misfit, 0.0) / self.solution.energy
 
     def test(self, y: Array, solution: model.Solution) -> None:
         """Set ``passes``, ``shift`` and ``excess`` for a fit of y."""
@@ -181,6 +183,7 @@ class _Trial:
             y, solution.s, solution.w, solution.residual, level, min(1.0, variance / level)
         )
         self.excess = max(self.excess, misfit)
+        self.level = level
         self.passes = self.shift <= HAUSMAN_LIMIT and self.excess <= VARIANCE_LIMIT
 
 
@@ -242,7 +245,7 @@ def _end(solution: model.Solution) -> int:
 
 
 def _search(record: Array, first: int, failed: _Trial) -> _Trial:
-    """The earliest later start that passes; the best that failed where none does.
+    """The earliest later start that passes; the first trial again where none does.
 
     As the amplitude falls, everything hides in the noise. So where the first trial is an
     oscillation already, a pass counts only while most of its amplitude is left; where it is
@@ -251,13 +254,12 @@ def _search(record: Array, first: int, failed: _Trial) -> _Trial:
     size = record.size - first
     step = max(1.0, 0.9 * size / MOST_STARTS)
     last = 0.9 * size
-    oscillates = failed.r_squared >= GOOD_FIT and failed.damping_ratio <= MOST_DAMPING
+    oscillates = failed.agreement >= GOOD_FIT and failed.damping_ratio <= MOST_DAMPING
     if oscillates and failed.solution is not None:
         step = max(1.0, 0.25 * failed.period)
         decay = max(failed.solution.s, 1e-9) / failed.solution.residual.size
         last = min(0.5 * size, -math.log(LEAST_AMPLITUDE) / decay)
         step = max(step, last / MOST_STARTS)
-    best = failed
     for k in range(1, int(last / step) + 1):
         trial = _try(record, first + round(k * step))
         if trial.passes and (
@@ -265,10 +267,7 @@ def _search(record: Array, first: int, failed: _Trial) -> _Trial:
             or (trial.damping_ratio <= MOST_DAMPING and trial.amplitude >= LEAST_SNR * trial.noise)
         ):
             return trial
-        if not oscillates and trial.r_squared > best.r_squared:
-            best = trial
-            best.passes = False
-    return best
+    return failed
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -35,7 +35,7 @@ Spectrum = NDArray[np.complex128]
 FAST = {'reassoc', 'contract'}  # sums may be vectorised; NaN and inf keep their meaning
 
 PREDICTED_GAIN = 1e-8  # stop when a step would gain less than this share of one residual²
-ROUNDING = 1e-28  # ... or this share of the record's energy: the limit of float64
+ROUNDING = 1e-15  # ... or what an error of so much in the angle would: the limit of float64
 MAX_ITERATIONS = 60
 MOST_GROWTH = -3.0  # s below this (growing by exp(3) over the span) is no free vibration
 MOST_DECAY = 1.0  # s over n above this (exp(-1) a sample) leaves nothing to see
@@ -181,7 +181,7 @@ def gauss_newton(
         d_s = (hessian[1, 1] * gradient[0] - hessian[0, 1] * gradient[1]) / det
         d_w = (hessian[0, 0] * gradient[1] - hessian[0, 1] * gradient[0]) / det
         gain = gradient[0] * d_s + gradient[1] * d_w
-        if gain <= PREDICTED_GAIN * max(rss, 0.0) / n + ROUNDING * energy:
+        if gain <= PREDICTED_GAIN * max(rss, 0.0) / n + (ROUNDING * (1.0 + w)) ** 2 * energy:
             return s, w, iteration
         # A step beyond these leaves the region in which the linearisation means anything.
         shrink = min(1.0, (1.0 + 0.5 * abs(s)) / max(abs(d_s), 1e-300))

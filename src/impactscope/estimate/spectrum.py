@@ -70,7 +70,13 @@ def estimate_from_spectrum(values: ArrayLike, sample_rate: float) -> SpectralEst
     half_width = 0.5 * (right - left) * sample_rate  # rad/s
     # Level of the noise around the peak: the median, exponentially distributed.
     floor = float(np.median(power[min(3 * peak, power.size // 2) :])) / math.log(2.0)
-    noise = half_width * math.sqrt(0.5 * floor / height)
+    # The noise may have raised any of the lines that are lower by no more than its own size.
+    as_high = first + np.flatnonzero(
+        np.sqrt(power[first:]) >= math.sqrt(height) - math.sqrt(floor)
+    )
+    as_high = np.append(as_high, peak)
+    noise = float(as_high.max() - as_high.min()) * unit * sample_rate / UNIFORM
+    noise = max(noise, half_width * math.sqrt(0.5 * floor / height))
     asymmetry = 0.5 * abs((right - angle) - (angle - left)) * sample_rate
     resolution = 1.0 / duration
     # The peak is drawn aside by its image at the negative frequency.
