@@ -2,5 +2,11 @@
 
 import os
 
+from hypothesis import settings
+
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
+
+# The first call of a compiled function takes longer than any deadline.
+settings.register_profile('compiled', deadline=None)
+settings.load_profile('compiled')

@@ -90,11 +90,18 @@ class Driver(LifecycleNode):
         self.ended = threading.Event()  # the source has no more
         self._diagnostics = Diagnostics(self, self._report)
         if self._autostart:
-            self.trigger_configure()
-            self.trigger_activate()
+            self._start()
 
     def _declare(self, name: str, default: Any, doc: str, **limits: float) -> Any:
         return declare(self, name, default, doc, **limits)
+
+    def _start(self) -> None:
+        """Configure and activate; raises ConfigurationError with the reason where that fails."""
+        if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
+            reason = f'{self.get_name()}: {self._trouble}'
+            self.destroy_node()
+            raise ConfigurationError(reason)
+        self.trigger_activate()
 
     def wants(self, channel: str) -> bool:
         """Whether a channel belongs to this device."""
@@ -111,8 +118,6 @@ class Driver(LifecycleNode):
         except ImpactscopeError as error:
             self.get_logger().error(f'{self.get_name()} cannot be configured: {error}')
             self._trouble = str(error)
-            if self._autostart:
-                raise ConfigurationError(f'{self.get_name()}: {error}') from error
             return TransitionCallbackReturn.FAILURE
         return super().on_configure(state)
 
