@@ -286,7 +286,7 @@ def main(argv: list[str] | None = None) -> int:
         for kind in ('white', 'coloured', 'outliers'):
             for snr in levels:
                 n = blows if kind == 'white' else max(blows // 5, 20)
-                drift = 2 * PEAK / 10 ** (snr / 20)
+                drift = PEAK / 10 ** (snr / 20)
                 got = campaign(n, rate, snr, kind, drift, 1000 + snr)
                 errors = got['errors']
                 least = bound(snr, rate, 0.009)

@@ -179,7 +179,8 @@ def _fitted(
         first = above[0][0]
         fit = _fit(residual, begin, first, rules, plate) if len(spans) < MOST_FITTED else None
         if fit is None:
-            spans += _unfitted(residual, begin, max(first, after), pushed, rules, plate)
+            low = max(first, after) if spans else first
+            spans += _unfitted(residual, begin, low, pushed, rules, plate)
             break
         response = fit.response(residual.size, rules.rate, plate)
         residual -= response
@@ -208,7 +209,9 @@ def _fit(
             continue
         part = residual[low : min(high, residual.size)]
         fit = fit_pulse(part, rules.rate, plate, (rise - low) / rules.rate, rules.noise)
-        if fit is None:
+        # Unless some of the motion after it was seen, where the contact ends is a guess.
+        seen = (min(high, residual.size) - low) / rules.rate - 0.1 * plate.period
+        if fit is None or fit.start + fit.duration > seen:
             continue
         peak = float(np.abs(part).max())
         if fit.rms < 1.3 * max(fit.noise, rules.smoothed_noise / 2) + 0.006 * peak:

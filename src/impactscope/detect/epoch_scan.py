@@ -340,12 +340,14 @@ class EpochScan:
             noise=deviations,
             sigma=floor.sigma.copy(),
             contact_force=self.profile.contact_end_force if in_newtons else 0.0,
+            drift=abs(float(floor.line[1])) / self._width,
             in_newtons=in_newtons,
             quality=quality,
         )
         self._levels: list[float] = []  # means of the hops since the one with the trigger
         self._swings: list[float] = []  # their largest deviations from the zero level
         self._contacts: tuple[Contact, ...] = ()  # once the signal is quiet
+        self._prepared_pressed = False
         self._last_contact = self._position  # by what is known while the blow is followed
         self._state = _State.FOLLOWING
 
@@ -371,7 +373,9 @@ class EpochScan:
         self._swings.append(swing if finite else math.nan)
         hold = self._rest_hops
         level = float(np.mean(self._levels[-hold:])) - zero
+        # What drift as seen before the blow may explain is no load.
         force = max(opening.contact_force, self._level_noise())
+        force += opening.drift * (self._position - opening.trigger)
         pressed = opening.in_newtons and len(self._levels) >= hold and level > force
         if pressed or self._has_grown():
             self._last_contact = self._position
@@ -389,12 +393,15 @@ class EpochScan:
 
     def _prepare(self, *, pressed: bool) -> None:
         """Find the contacts half-way into the rest: less is left to do when the event ends."""
-        rest = self._rest_start(max(self._rest_hops // 2, 1))
-        if rest is None:
+        if pressed != self._prepared_pressed or self._has_grown():
             self._contacts = ()
-        elif not self._contacts:
+        if self._contacts:
+            return
+        rest = self._rest_start(max(self._rest_hops // 2, 1))
+        if rest is not None:
             start, reading = self._reading(self._position)
             self._contacts = self._find_contacts(start, reading, None if pressed else rest)
+            self._prepared_pressed = pressed
 
     def _level_noise(self) -> float:
         """Deviation of the level over the rest hold that is beyond noise."""

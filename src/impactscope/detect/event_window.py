@@ -68,6 +68,7 @@ class Opening:
     noise: NDArray[np.float64]  # standard deviation of each channel before
     sigma: NDArray[np.float64]  # of the trigger channel: of a sample, then of each window
     contact_force: float  # below it, and below noise, there is no contact
+    drift: float  # of the zero level as last seen, a grid sample
     in_newtons: bool
     quality: Quality
 

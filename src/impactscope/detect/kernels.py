@@ -34,6 +34,7 @@ __all__ = [
 LIMIT = 4.0  # standard deviations to which a sample's deviation counts, at least
 REACH = 1.5  # times the threshold that a blow of limited samples can raise the statistic to
 TAIL = 10.0  # standard deviations of the hops' maxima beyond their mean that a blow must reach
+LEAST_FOR_SLOPE = 50
 GUARD = 2  # newest hops left out of the floor: they may hold the creeping start of a blow
 REBOUND = 1.1  # a positive half-wave up to this times the negative one before it is ring-down
 REBOUND_DECAY = 0.9  # by which the memory of a negative half-wave fades, a hop
@@ -71,7 +72,7 @@ def update_floor(
     heavier tails than Gaussian, where the hops' maxima extrapolate to (their tail is about
     exponential: 10 standard deviations are some 10^5.5 hops, about an hour).
 
-    The line is the least-squares one through the hops' means; below 20 hops it is level, since
+    The line is the least-squares one through the hops' means; below 50 hops it is level, since
     a slope from fewer would be extrapolated noise.
     """
     capacity = numbers.shape[0]
@@ -91,7 +92,7 @@ def update_floor(
     mean_number /= used
     mean_level /= used
     slope = 0.0
-    if used >= 20:
+    if used >= LEAST_FOR_SLOPE:
         spread = 0.0
         for j in range(used):
             row = oldest + j if oldest + j < capacity else oldest + j - capacity
@@ -111,7 +112,9 @@ def update_floor(
             square += peaks[row, s] * peaks[row, s]
         total /= used
         tail = total + TAIL * np.sqrt(max(square / used - total * total, 0.0))
-        bounds[s] = max(threshold * sigma[s + 1], tail)
+        bounds[s] = threshold * sigma[s + 1]
+        if s < bounds.shape[0] - 1:  # the longest window averages wild samples away
+            bounds[s] = max(bounds[s], tail)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -156,7 +156,7 @@ def quiet_powers(
     spread = 1.4826 * float(np.median(np.abs(samples - middle)))
     if spread == 0:
         spread = float(samples.std())
-    sigma = np.full(scales.size + 1, spread)
+    sigma = np.full(scales.size + 1, max(spread, math.ulp(1.0)))
     rows = samples[np.newaxis].astype(np.float32)
     first, second = np.zeros_like(sigma), np.zeros_like(sigma)
     before, _ = kernels.rest_statistics(rows[0], 0, 1, half, scales, sigma, threshold, first)

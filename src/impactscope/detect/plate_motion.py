@@ -26,7 +26,8 @@ TERMS = 3
 SHAPE_PRIOR = 0.1  # standard deviation of p_2 / p_1 and p_3 / p_1 expected beforehand
 LEAST_SLOPE = 0.5  # of the force when contact begins, over that of a half-sine
 SHORTEST = 0.02  # of the plate's period, contact that its reading still has a length of
-MOST_BINS = 160  # samples that a fit uses; more are averaged into these
+STIFFNESS = 0.1  # noise over peak that a search begins with
+MOST_BINS = 320  # samples that a fit uses; more are averaged into these
 LEAST_PERIODS = 2.0  # of ring-down above noise from which a plate's model is learned
 SIMPLEX_STEPS = 60
 
@@ -178,7 +179,7 @@ def _misfit(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _search(
+def _grid(
     origin: float,
     step: float,
     reading: NDArray[np.float64],
@@ -188,71 +189,90 @@ def _search(
     variance: float,
     basis: NDArray[np.float64],
     amplitudes: NDArray[np.float64],
-) -> tuple[float, float, float]:
-    """Start, duration and misfit: a coarse grid, then the simplex method of Nelder and Mead."""
+) -> tuple[float, float]:
+    """Start and duration of the least misfit on a coarse grid."""
     period = 2 * np.pi / natural_frequency
-    points = np.empty((3, 2))
-    costs = np.full(3, np.inf)
+    best = np.inf
+    point = latest, 0.3 * period
     for a in range(8):
         for b in range(10):
             begin = latest - 0.5 * period * a / 7
             length = 0.04 * period * 1.5**b
             cost = _misfit(
-                origin, step, reading, begin, length, natural_frequency, damping_ratio, variance,
-                basis, amplitudes,
+                origin, step, reading, begin, length, natural_frequency, damping_ratio,
+                variance, basis, amplitudes,
             )  # fmt: skip
-            if cost < costs[0]:
-                costs[0] = cost
-                points[0] = begin, length
-    points[1] = points[0, 0] + 0.03 * period, points[0, 1]
-    points[2] = points[0, 0], points[0, 1] * 1.2
-    for k in range(1, 3):
+            if cost < best:
+                best = cost
+                point = begin, length
+    return point
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _refine(
+    origin: float,
+    step: float,
+    reading: NDArray[np.float64],
+    start: float,
+    duration: float,
+    natural_frequency: float,
+    damping_ratio: float,
+    variance: float,
+    basis: NDArray[np.float64],
+    amplitudes: NDArray[np.float64],
+) -> tuple[float, float, float]:
+    """Start, duration and misfit by the simplex method of Nelder and Mead."""
+    period = 2 * np.pi / natural_frequency
+    points = np.array(
+        [[start, duration], [start + 0.03 * period, duration], [start, 1.2 * duration]]
+    )
+    costs = np.empty(3)
+    for k in range(3):
         costs[k] = _misfit(
-            origin, step, reading, points[k, 0], points[k, 1], natural_frequency, damping_ratio,
-            variance, basis, amplitudes,
+            origin, step, reading, points[k, 0], points[k, 1], natural_frequency,
+            damping_ratio, variance, basis, amplitudes,
         )  # fmt: skip
     for _ in range(SIMPLEX_STEPS):
         order = np.argsort(costs)
         points, costs = points[order], costs[order]
+        if np.abs(points[1:] - points[0]).max() < 1e-5 * period:
+            break
         centre = (points[0] + points[1]) / 2
-        moved = False
-        for factor in (-1.0, -2.0, 0.5, -0.5):
-            trial = centre + factor * (points[2] - centre)
-            cost = _misfit(
-                origin, step, reading, trial[0], trial[1], natural_frequency, damping_ratio,
+        away = centre - points[2]
+        trial = centre + away
+        cost = _misfit(
+            origin, step, reading, trial[0], trial[1], natural_frequency, damping_ratio,
+            variance, basis, amplitudes,
+        )  # fmt: skip
+        if cost >= costs[1]:
+            nearer = centre + 0.5 * away if cost < costs[2] else centre - 0.5 * away
+            second = _misfit(
+                origin, step, reading, nearer[0], nearer[1], natural_frequency, damping_ratio,
                 variance, basis, amplitudes,
             )  # fmt: skip
-            if factor == -1.0 and costs[0] <= cost < costs[1]:
-                points[2], costs[2] = trial, cost
-                moved = True
-                break
-            if factor == -1.0 and cost < costs[0]:
-                points[2], costs[2] = trial, cost
-                moved = True
+            if second < min(cost, costs[2]):
+                points[2], costs[2] = nearer, second
                 continue
-            if factor == -2.0:
-                if moved:
-                    if cost < costs[2]:
-                        points[2], costs[2] = trial, cost
-                    break
-                continue
-            if cost < costs[2]:
-                points[2], costs[2] = trial, cost
-                moved = True
-                break
-        if not moved:
             for k in range(1, 3):
                 points[k] = (points[k] + points[0]) / 2
                 costs[k] = _misfit(
                     origin, step, reading, points[k, 0], points[k, 1], natural_frequency,
                     damping_ratio, variance, basis, amplitudes,
                 )  # fmt: skip
-        if np.abs(points[1:] - points[0]).max() < 1e-5 * period:
-            break
+            continue
+        if cost < costs[0]:
+            further = centre + 2 * away
+            second = _misfit(
+                origin, step, reading, further[0], further[1], natural_frequency,
+                damping_ratio, variance, basis, amplitudes,
+            )  # fmt: skip
+            if second < cost:
+                trial, cost = further, second
+        points[2], costs[2] = trial, cost
     best = np.argmin(costs)
     cost = _misfit(
-        origin, step, reading, points[best, 0], points[best, 1], natural_frequency, damping_ratio,
-        variance, basis, amplitudes,
+        origin, step, reading, points[best, 0], points[best, 1], natural_frequency,
+        damping_ratio, variance, basis, amplitudes,
     )  # fmt: skip
     return points[best, 0], points[best, 1], cost
 
@@ -281,17 +301,17 @@ def fit_pulse(
     basis = np.empty((TERMS, count))
     amplitudes = np.zeros(TERMS)
     variance = max(noise**2 / width, (1e-4 * float(np.abs(binned).max())) ** 2)
-    start, duration, cost = _search(
-        (width - 1) / 2 / rate,
-        width / rate,
-        binned,
-        rise,
-        plate.natural_frequency,
-        plate.damping_ratio,
-        variance,
-        basis,
-        amplitudes,
-    )
+    sampling = (width - 1) / 2 / rate, width / rate
+    oscillator = plate.natural_frequency, plate.damping_ratio
+    # The shape is held close to a half-sine first: with it free, the search would stop in a
+    # valley where a longer contact of an odd shape imitates the true one.
+    stiff = max(variance, (STIFFNESS * float(np.abs(binned).max())) ** 2)
+    start, duration = _grid(*sampling, binned, rise, *oscillator, stiff, basis, amplitudes)
+    cost = math.inf
+    for level in (stiff, math.sqrt(stiff * variance), variance):
+        start, duration, cost = _refine(
+            *sampling, binned, start, duration, *oscillator, level, basis, amplitudes
+        )
     if not math.isfinite(cost) or duration > 2.2 * plate.period:
         return None
     rms = math.sqrt(cost / count)
@@ -325,7 +345,7 @@ def fit_ring_down(
         the plate's model and the weight of what it rests on (amplitude over noise, squared,
         times samples); None where there is no such oscillation or more than one.
     """
-    width = max(-(-reading.size // (3 * MOST_BINS)), 1)
+    width = max(-(-reading.size // (2 * MOST_BINS)), 1)
     count = reading.size // width
     if count < 32 or not np.isfinite(reading).all():
         return None

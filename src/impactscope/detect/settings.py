@@ -57,13 +57,13 @@ class DetectorSettings:
                 f'detector: memory is {self.memory!r} s; '
                 f'it must not be below the learning_time of {self.learning_time!r} s'
             )
-        if self.damping_ratio >= 1:
-            raise ConfigurationError(
-                f'detector: damping_ratio is {self.damping_ratio!r}; it must be below 1'
-            )
         if math.isnan(self.natural_frequency) != math.isnan(self.damping_ratio):
             raise ConfigurationError(
                 'detector: natural_frequency and damping_ratio are given together or not at all'
+            )
+        if self.damping_ratio >= 1:
+            raise ConfigurationError(
+                f'detector: damping_ratio is {self.damping_ratio!r}; it must be below 1'
             )
 
     @property
