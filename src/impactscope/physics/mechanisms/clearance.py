@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from impactscope.physics.mechanisms.compiled import compiled
+from impactscope.physics.mechanisms.compiled import law
 from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem, Values
 from impactscope.physics.twin import layout as at
 
 __all__ = ['MECHANISM', 'slack']
 
 
-@compiled
+@law
 def slack(compression: float, gap: float) -> float:
     """Stretch left of ``compression`` once a whole play of ``gap`` is taken up, m."""
     half = 0.5 * gap

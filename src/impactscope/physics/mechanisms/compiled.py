@@ -10,7 +10,7 @@ from typing import Any, TypeVar, cast
 
 from numba import njit
 
-__all__ = ['compiled']
+__all__ = ['compiled', 'law']
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
 
@@ -23,6 +23,13 @@ def _stamp() -> tuple[float, int]:
     return max(s.st_mtime for s in stats), sum(s.st_size for s in stats)
 
 
+def _compile(function: _Function, *, inlined: bool) -> _Function:
+    dispatcher = njit(cache=True, error_model='numpy', forceinline=inlined)(function)
+    with contextlib.suppress(AttributeError):  # internals of numba; without them, as numba does
+        dispatcher._cache._cache_file._source_stamp = _stamp()
+    return cast('_Function', dispatcher)
+
+
 def compiled(function: _Function) -> _Function:
     """Compile a function at its first call and keep the machine code on disk.
 
@@ -30,7 +37,9 @@ def compiled(function: _Function) -> _Function:
     leave stale machine code in the callers of another: here the cache is renewed as soon as any
     file of mechanisms or twin changes.
     """
-    dispatcher = njit(cache=True, error_model='numpy')(function)
-    with contextlib.suppress(AttributeError):  # internals of numba; without them, as numba does
-        dispatcher._cache._cache_file._source_stamp = _stamp()
-    return cast('_Function', dispatcher)
+    return _compile(function, inlined=False)
+
+
+def law(function: _Function) -> _Function:
+    """As :func:`compiled`, for a small law: its code becomes part of each caller's."""
+    return _compile(function, inlined=True)

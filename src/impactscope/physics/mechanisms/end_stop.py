@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from impactscope.physics.mechanisms.compiled import compiled
+from impactscope.physics.mechanisms.compiled import law
 from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem, Values
 from impactscope.physics.twin import layout as at
 
 __all__ = ['MECHANISM', 'stop_energy', 'stop_force']
 
 
-@compiled
+@law
 def stop_force(stiffness: float, travel: float, compression: float) -> float:
     """Force of the stop, N."""
     if stiffness > 0.0 and compression > travel:
@@ -17,7 +17,7 @@ def stop_force(stiffness: float, travel: float, compression: float) -> float:
     return 0.0
 
 
-@compiled
+@law
 def stop_energy(stiffness: float, travel: float, compression: float) -> float:
     """Energy stored in the stop, J."""
     if stiffness > 0.0 and compression > travel:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from impactscope.physics.mechanisms.compiled import compiled
+from impactscope.physics.mechanisms.compiled import law
 from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem, Values
 from impactscope.physics.twin import layout as at
 
 __all__ = ['MECHANISM', 'cubic_energy', 'cubic_force']
 
 
-@compiled
+@law
 def cubic_force(cubic: float, stretch: float) -> float:
     """Force beyond the linear one, N; a negative ``cubic`` softens."""
     return cubic * stretch * stretch * stretch
 
 
-@compiled
+@law
 def cubic_energy(cubic: float, stretch: float) -> float:
     """Energy stored by :func:`cubic_force`, J."""
     return 0.25 * cubic * stretch * stretch * stretch * stretch

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from impactscope.physics.mechanisms.compiled import compiled
+from impactscope.physics.mechanisms.compiled import law
 from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem, Values
 from impactscope.physics.twin import layout as at
 
 __all__ = ['MECHANISM', 'yielding_rate']
 
 
-@compiled
+@law
 def yielding_rate(speed: float, internal: float, yield_displacement: float) -> float:
     """Rate of the internal displacement, m/s."""
     if speed * internal <= 0.0:

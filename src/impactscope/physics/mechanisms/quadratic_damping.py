@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from impactscope.physics.mechanisms.compiled import compiled
+from impactscope.physics.mechanisms.compiled import law
 from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem, Values
 from impactscope.physics.twin import layout as at
 
 __all__ = ['MECHANISM', 'quadratic_force']
 
 
-@compiled
+@law
 def quadratic_force(coefficient: float, speed: float) -> float:
     """Force against the motion, N."""
     return coefficient * abs(speed) * speed

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from impactscope.physics.mechanisms.compiled import compiled
+from impactscope.physics.mechanisms.compiled import law
 from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem, Values
 from impactscope.physics.twin import layout as at
 
 __all__ = ['MECHANISM', 'stiffening_energy', 'stiffening_force']
 
 
-@compiled
+@law
 def stiffening_force(stiffness: float, coefficient: float, u: float) -> float:
     """Force of the layer's parallel spring at compression ``u`` m, N."""
     return stiffness * u * (1.0 + coefficient * abs(u))
 
 
-@compiled
+@law
 def stiffening_energy(stiffness: float, coefficient: float, u: float) -> float:
     """Energy stored by :func:`stiffening_force`, J."""
     return stiffness * u * u * (0.5 + coefficient * abs(u) / 3.0)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 from impactscope.errors import ConfigurationError
-from impactscope.physics.mechanisms.compiled import compiled
+from impactscope.physics.mechanisms.compiled import law
 from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem, Values
 from impactscope.physics.twin import layout as at
 
 __all__ = ['MECHANISM', 'sliding_friction']
 
 
-@compiled
+@law
 def sliding_friction(
     static_forward: float,
     static_backward: float,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from impactscope.physics.mechanisms.compiled import compiled
+from impactscope.physics.mechanisms.compiled import law
 from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem, Values
 from impactscope.physics.twin import layout as at
 
 __all__ = ['MECHANISM', 'slamming_force']
 
 
-@compiled
+@law
 def slamming_force(coefficient: float, approach: float) -> float:
     """Contact force at ``approach`` m/s, N; none while separating."""
     if approach > 0.0:

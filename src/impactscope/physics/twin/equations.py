@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.physics.mechanisms.clearance import slack
-from impactscope.physics.mechanisms.compiled import compiled
+from impactscope.physics.mechanisms.compiled import compiled, law
 from impactscope.physics.mechanisms.end_stop import stop_energy, stop_force
 from impactscope.physics.mechanisms.hardening_spring import cubic_energy, cubic_force
 from impactscope.physics.mechanisms.hysteresis import yielding_rate
@@ -26,21 +26,25 @@ from impactscope.physics.mechanisms.velocity_squared_contact import slamming_for
 from impactscope.physics.twin import layout as at
 
 __all__ = [
+    'UNTRACKED',
+    'accelerations',
     'contact_force',
     'derivative',
     'energy',
+    'forces',
     'free_compression',
     'guard',
     'spring_force',
     'spring_region',
     'stick_force',
+    'stick_reserve',
 ]
 
 Array = NDArray[np.float64]
 UNTRACKED = 2  # guide mode where nothing depends on the direction of motion
 
 
-@compiled
+@law
 def spring_force(par: Array, compression: float, internal: float) -> float:
     """Force of the spring on the plate's seat, N, positive when compressed."""
     stretch = slack(compression, par[at.GAP])
@@ -50,7 +54,7 @@ def spring_force(par: Array, compression: float, internal: float) -> float:
     return force + stop_force(par[at.STOP_STIFFNESS], par[at.STOP_TRAVEL], compression)
 
 
-@compiled
+@law
 def spring_region(par: Array, compression: float) -> int:
     """Smooth piece of the spring's law: 0 tension side, 1 slack, 2 compressed, 3 at the stop."""
     half = 0.5 * par[at.GAP]
@@ -63,7 +67,7 @@ def spring_region(par: Array, compression: float) -> int:
     return 2
 
 
-@compiled
+@law
 def _distance_to_edge(par: Array, compression: float, region: int) -> float:
     """How far the compression is inside its region, m; negative once outside."""
     half: float = 0.5 * par[at.GAP]
@@ -78,7 +82,7 @@ def _distance_to_edge(par: Array, compression: float, region: int) -> float:
     return min(above, travel - compression)
 
 
-@compiled
+@law
 def _layer_force(par: Array, y: Array, u: float) -> float:
     force: float = stiffening_force(par[at.LAYER_STIFFNESS], par[at.LAYER_STIFFENING], u)
     for i in range(int(par[at.BRANCHES])):
@@ -86,7 +90,7 @@ def _layer_force(par: Array, y: Array, u: float) -> float:
     return force
 
 
-@compiled
+@law
 def free_compression(par: Array, y: Array) -> float:
     """Compression at which the massless layer carries no force, m: it creeps back unloaded."""
     pull = 0.0
@@ -105,7 +109,7 @@ def free_compression(par: Array, y: Array) -> float:
     return u
 
 
-@compiled
+@law
 def contact_force(par: Array, y: Array, contact: int) -> float:
     """Force between impactor and plate, N, positive where they push each other apart."""
     if contact != at.CLOSED:
@@ -122,7 +126,7 @@ def contact_force(par: Array, y: Array, contact: int) -> float:
     return force
 
 
-@compiled
+@law
 def tap_force(par: Array, t: float) -> float:
     """Half-sine force of a hammer on the plate, N."""
     if t <= 0.0 or t >= par[at.TAP_DURATION]:
@@ -131,7 +135,7 @@ def tap_force(par: Array, t: float) -> float:
     return force
 
 
-@compiled
+@law
 def drive_force(par: Array, t: float) -> float:
     """Force that pushes the impactor on (or takes it away), N."""
     force = 0.0
@@ -152,19 +156,23 @@ def drive_force(par: Array, t: float) -> float:
     return force
 
 
-@compiled
+@law
 def _weight(par: Array, position: float) -> float:
     """Force of gravity on the impactor along the axis, N."""
     lever: float = par[at.LEVER]
     load: float = par[at.LOAD]
     stiffness: float = par[at.RESTORING]
-    if lever > 0.0:
-        angle = position / lever
-        return load * math.cos(angle) - stiffness * lever * math.sin(angle)
-    return load - stiffness * position
+    if lever <= 0.0:
+        return load - stiffness * position
+    force = 0.0
+    if load != 0.0:
+        force = load * math.cos(position / lever)
+    if stiffness != 0.0:
+        force -= stiffness * lever * math.sin(position / lever)
+    return force
 
 
-@compiled
+@law
 def _weight_energy(par: Array, position: float) -> float:
     lever: float = par[at.LEVER]
     load: float = par[at.LOAD]
@@ -176,50 +184,48 @@ def _weight_energy(par: Array, position: float) -> float:
     return 0.5 * stiffness * position**2 - load * position
 
 
-@compiled
-def _guide_forces(par: Array, y: Array, t: float, pushed: float) -> tuple[float, float, float]:
-    """Forces on plate and base without the guide's dry friction, and the viscous one, N."""
+@law
+def stick_force(par: Array, y: Array, t: float, contact: int) -> float:
+    """Dry friction on the plate with which it would move along with the base, N."""
     speed = y[at.V] - y[at.VB]
     viscous = par[at.DAMPING] * speed + quadratic_force(par[at.QUADRATIC], speed)
     inner = spring_force(par, y[at.X] - y[at.B], y[at.H]) + viscous
-    on_plate = pushed + tap_force(par, t) - inner
-    on_base = inner - par[at.BASE_STIFFNESS] * y[at.B] - par[at.BASE_DAMPING] * y[at.VB]
-    return on_plate, on_base, viscous
-
-
-@compiled
-def _holding(par: Array, on_plate: float, on_base: float) -> float:
-    """Friction that would let the plate move along with the base, N, on the plate."""
+    on_plate: float = contact_force(par, y, contact) + tap_force(par, t) - inner
     base: float = par[at.BASE_MASS]
     if base <= 0.0:
         return -on_plate
     mass: float = par[at.PLATE_MASS]
-    return (mass * on_base - base * on_plate) / (mass + base)
+    on_base = inner - par[at.BASE_STIFFNESS] * y[at.B] - par[at.BASE_DAMPING] * y[at.VB]
+    needed: float = (mass * on_base - base * on_plate) / (mass + base)
+    return needed
 
 
-@compiled
-def stick_force(par: Array, y: Array, t: float, contact: int) -> float:
-    """Dry friction on the plate that sticking needs, N."""
-    on_plate, on_base, _ = _guide_forces(par, y, t, contact_force(par, y, contact))
-    return _holding(par, on_plate, on_base)
+@law
+def stick_reserve(par: Array, needed: float) -> float:
+    """How much more friction the stuck guide could bear, N; negative where it must slip.
+
+    A margin far below anything measurable keeps rounding from deciding.
+    """
+    forward: float = par[at.STATIC_FORWARD]
+    backward: float = par[at.STATIC_BACKWARD]
+    return min(forward + needed, backward - needed) + 1e-9 * (forward + backward)
 
 
-@compiled
-def derivative(
-    par: Array, t: float, y: Array, contact: int, guide: int, dy: Array
-) -> tuple[float, float]:
-    """Fill ``dy``, the rate of change of the state; return contact force and friction, N.
+@law
+def forces(
+    par: Array, t: float, y: Array, contact: int, guide: int
+) -> tuple[float, float, float, float, float]:
+    """Contact force, friction on the plate, viscous force of the guide, drive and flexure, N.
 
     ``guide`` is 0 where plate and base stick, +1 or -1 where the plate slides that way.
     """
     pushed = contact_force(par, y, contact)
-    on_plate, on_base, viscous = _guide_forces(par, y, t, pushed)
     speed = y[at.V] - y[at.VB]
+    viscous: float = par[at.DAMPING] * speed + quadratic_force(par[at.QUADRATIC], speed)
+    friction = 0.0
     if guide == 0:
-        friction = _holding(par, on_plate, on_base)
-    elif guide == UNTRACKED:
-        friction = 0.0
-    else:
+        friction = stick_force(par, y, t, contact)
+    elif guide != UNTRACKED:
         friction = sliding_friction(
             par[at.STATIC_FORWARD],
             par[at.STATIC_BACKWARD],
@@ -229,53 +235,88 @@ def derivative(
             speed,
             guide,
         )
-    dy[at.X] = y[at.V]
-    dy[at.V] = (on_plate + friction) / par[at.PLATE_MASS]
-    dy[at.B] = y[at.VB]
-    dy[at.VB] = (on_base - friction) / par[at.BASE_MASS] if par[at.BASE_MASS] > 0.0 else 0.0
-
     drive = 0.0
     flexure = 0.0
-    dy[at.P] = dy[at.VP] = dy[at.Q] = dy[at.VQ] = 0.0
     if contact != at.GONE:
         drive = drive_force(par, t)
-        mass, second = par[at.IMPACTOR_MASS], par[at.SECOND_MASS]
-        share = mass / (mass + second)  # of the weight that the first mass carries
-        if second > 0.0:
+        if par[at.SECOND_MASS] > 0.0:
             flexure = par[at.FLEXURE_STIFFNESS] * (y[at.P] - y[at.Q])
             flexure += par[at.FLEXURE_DAMPING] * (y[at.VP] - y[at.VQ])
-            dy[at.Q] = y[at.VQ]
-            dy[at.VQ] = (flexure + (1.0 - share) * _weight(par, y[at.Q])) / second
-        moving = mass + par[at.ADDED_MASS] if contact == at.CLOSED else mass
-        dy[at.P] = y[at.VP]
-        dy[at.VP] = (drive + share * _weight(par, y[at.P]) - pushed - flexure) / moving
+    return pushed, friction, viscous, drive, flexure
 
-    lost = viscous * speed - friction * speed + par[at.BASE_DAMPING] * y[at.VB] ** 2
+
+@law
+def accelerations(
+    par: Array,
+    t: float,
+    y: Array,
+    contact: int,
+    acting: tuple[float, float, float, float, float],
+) -> tuple[float, float, float, float]:
+    """Acceleration of plate, impactor, its second mass and base under :func:`forces`, m/s^2."""
+    pushed, friction, viscous, drive, flexure = acting
+    inner = spring_force(par, y[at.X] - y[at.B], y[at.H]) + viscous - friction
+    plate: float = (pushed + tap_force(par, t) - inner) / par[at.PLATE_MASS]
+    base = 0.0
+    if par[at.BASE_MASS] > 0.0:
+        outer = par[at.BASE_STIFFNESS] * y[at.B] + par[at.BASE_DAMPING] * y[at.VB]
+        base = (inner - outer) / par[at.BASE_MASS]
+    impactor = second = 0.0
+    if contact != at.GONE:
+        mass, far = par[at.IMPACTOR_MASS], par[at.SECOND_MASS]
+        share = 1.0  # of the weight that the first mass carries
+        if far > 0.0:
+            share = mass / (mass + far)
+            second = (flexure + (1.0 - share) * _weight(par, y[at.Q])) / far
+        moving = mass + par[at.ADDED_MASS] if contact == at.CLOSED else mass
+        impactor = (drive + share * _weight(par, y[at.P]) - pushed - flexure) / moving
+    return plate, impactor, second, base
+
+
+@compiled
+def derivative(par: Array, t: float, y: Array, contact: int, guide: int, dy: Array) -> None:
+    """Fill ``dy``, the rate of change of the state."""
+    acting = forces(par, t, y, contact, guide)
+    pushed, friction, viscous, drive, flexure = acting
+    plate, impactor, second, base = accelerations(par, t, y, contact, acting)
+    speed = y[at.V] - y[at.VB]
+
+    lost = (viscous - friction) * speed + par[at.BASE_DAMPING] * y[at.VB] ** 2
     if flexure != 0.0:
         lost += par[at.FLEXURE_DAMPING] * (y[at.VP] - y[at.VQ]) ** 2
-    dy[at.H] = 0.0
+    yielding = 0.0
     if par[at.HYSTERESIS_SHARE] > 0.0:
         # the yielding part sits beside the play, not behind it
-        dy[at.H] = yielding_rate(speed, y[at.H], par[at.HYSTERESIS_YIELD])
+        yielding = yielding_rate(speed, y[at.H], par[at.HYSTERESIS_YIELD])
         spring = par[at.HYSTERESIS_SHARE] * par[at.STIFFNESS] * y[at.H]
-        lost += spring * (speed - dy[at.H])
-    if par[at.HAS_LAYER] > 0.0:
-        u = y[at.P] - y[at.X] if contact == at.CLOSED else free_compression(par, y)
-        for i in range(int(par[at.BRANCHES])):
-            force = par[at.BRANCH + 2 * i] * (u - y[at.Z + i])
-            dy[at.Z + i] = force / par[at.BRANCH + 2 * i + 1]
-            lost += force * dy[at.Z + i]
+        lost += spring * (speed - yielding)
+    u = y[at.P] - y[at.X]
     if contact == at.CLOSED:
         approach = y[at.VP] - y[at.V]
         if par[at.HAS_LAYER] > 0.0:
             lost += slamming_force(par[at.SQUARED], approach) * approach
         else:
-            u = y[at.P] - y[at.X]
             size = par[at.CONTACT_STIFFNESS] * abs(u) ** par[at.CONTACT_EXPONENT]
             lost += (pushed - math.copysign(size, u)) * approach
+    if par[at.HAS_LAYER] > 0.0:
+        if contact != at.CLOSED:
+            u = free_compression(par, y)
+        for i in range(int(par[at.BRANCHES])):
+            force = par[at.BRANCH + 2 * i] * (u - y[at.Z + i])
+            creep = force / par[at.BRANCH + 2 * i + 1]
+            lost += force * creep
+            dy[at.Z + i] = creep
+    dy[at.X] = y[at.V]
+    dy[at.V] = plate
+    dy[at.P] = 0.0 if contact == at.GONE else y[at.VP]
+    dy[at.VP] = impactor
+    dy[at.Q] = 0.0 if contact == at.GONE else y[at.VQ]
+    dy[at.VQ] = second
+    dy[at.B] = y[at.VB]
+    dy[at.VB] = base
+    dy[at.H] = yielding
     dy[at.LOST] = lost
     dy[at.WORK] = drive * y[at.VP] + tap_force(par, t) * y[at.V]
-    return pushed, friction
 
 
 @compiled
@@ -295,7 +336,7 @@ def guard(
     on_guide = 1.0
     if guide == 0:
         needed = stick_force(par, y, t, contact)
-        on_guide = min(par[at.STATIC_FORWARD] + needed, par[at.STATIC_BACKWARD] - needed)
+        on_guide = stick_reserve(par, needed)
     elif guide != UNTRACKED:
         on_guide = guide * (y[at.V] - y[at.VB])
     return on_contact, on_guide, _distance_to_edge(par, y[at.X] - y[at.B], region)

@@ -21,13 +21,16 @@ from impactscope.physics.mechanisms.compiled import compiled
 from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.equations import (
     UNTRACKED,
+    accelerations,
     derivative,
     energy,
+    forces,
     free_compression,
     guard,
     spring_force,
     spring_region,
     stick_force,
+    stick_reserve,
 )
 
 __all__ = ['TOO_MANY_EVENTS', 'TOO_MANY_STEPS', 'integrate']
@@ -71,10 +74,11 @@ def _step(
     n = len(y)
     for stage in range(1, 7):
         for i in range(n):
-            total = 0.0
-            for j in range(stage):
-                total += _STAGES[stage, j] * k[j, i]
-            y_new[i] = y[i] + h * total
+            y_new[i] = y[i]
+        for j in range(stage):
+            weight = h * _STAGES[stage, j]
+            for i in range(n):
+                y_new[i] += weight * k[j, i]
         derivative(par, t + _NODES[stage] * h, y_new, contact, guide, k[stage])
 
 
@@ -108,8 +112,9 @@ def _prepare_dense(k: Array, dense: Array) -> None:
 def _dense_state(y: Array, h: float, dense: Array, share: float, out: Array) -> None:
     """State at ``share`` of the step, on the dense output."""
     for i in range(len(y)):
-        d = dense[i]
-        out[i] = y[i] + h * share * (d[0] + share * (d[1] + share * (d[2] + share * d[3])))
+        slope = dense[i, 2] + share * dense[i, 3]
+        slope = dense[i, 0] + share * (dense[i, 1] + share * slope)
+        out[i] = y[i] + h * share * slope
 
 
 @compiled
@@ -155,10 +160,22 @@ def _crossing(
     """Share of the step, up to ``last``, at which a guard crosses zero (Illinois method)."""
     contact, guide, region = modes
     low, high = 0.0, last
-    _dense_state(y, h, dense, low, work)
-    f_low = max(guard(par, work, t, contact, guide, region)[which], 0.0)
     _dense_state(y, h, dense, high, work)
     f_high = guard(par, work, t + high * h, contact, guide, region)[which]
+    f_low = guard(par, y, t, contact, guide, region)[which]
+    if f_low <= _LEAST_SPEED:
+        # the mode began on its own edge: find a moment at which it is well inside
+        probe = 0.5 * last
+        while probe * h > _SHORTEST:
+            _dense_state(y, h, dense, probe, work)
+            f_low = guard(par, work, t + probe * h, contact, guide, region)[which]
+            if f_low > 0.0:
+                low = probe
+                break
+            high, f_high = probe, f_low
+            probe *= 0.5
+        if low == 0.0:
+            return 0.0
     side = 0
     share = high
     for _ in range(60):
@@ -182,32 +199,45 @@ def _crossing(
 
 @compiled
 def _write(
-    par: Array, t: float, y: Array, contact: int, guide: int, dy: Array, row: Array
+    par: Array, t: float, y: Array, contact: int, guide: int, rows: Array, at_row: int
 ) -> None:
-    """One row of the output from one state."""
-    pushed, friction = derivative(par, t, y, contact, guide, dy)
+    """Row ``at_row`` of the output from one state."""
+    acting = forces(par, t, y, contact, guide)
+    plate, impactor, _, base = accelerations(par, t, y, contact, acting)
     compression = y[at.X] - y[at.B]
     if par[at.READS_DISPLACEMENT] > 0.0:
-        row[at.READING] = par[at.STIFFNESS] * compression
+        rows[at_row, at.READING] = par[at.STIFFNESS] * compression
     else:
-        row[at.READING] = spring_force(par, compression, y[at.H])
-    row[at.PLATE_ACCELERATION] = dy[at.V]
-    row[at.IMPACTOR_ACCELERATION] = dy[at.VP]
-    row[at.BASE_ACCELERATION] = dy[at.VB]
-    row[at.CONTACT_FORCE] = pushed
-    row[at.FRICTION_FORCE] = friction
-    row[at.PLATE_POSITION] = y[at.X]
-    row[at.PLATE_VELOCITY] = y[at.V]
-    row[at.IMPACTOR_POSITION] = y[at.P]
-    row[at.IMPACTOR_VELOCITY] = y[at.VP]
-    row[at.BASE_POSITION] = y[at.B]
-    row[at.LAYER_COMPRESSION] = 0.0
+        rows[at_row, at.READING] = spring_force(par, compression, y[at.H])
+    rows[at_row, at.PLATE_ACCELERATION] = plate
+    rows[at_row, at.IMPACTOR_ACCELERATION] = impactor
+    rows[at_row, at.BASE_ACCELERATION] = base
+    rows[at_row, at.CONTACT_FORCE] = acting[0]
+    rows[at_row, at.FRICTION_FORCE] = acting[1]
+    rows[at_row, at.PLATE_POSITION] = y[at.X]
+    rows[at_row, at.PLATE_VELOCITY] = y[at.V]
+    rows[at_row, at.IMPACTOR_POSITION] = y[at.P]
+    rows[at_row, at.IMPACTOR_VELOCITY] = y[at.VP]
+    rows[at_row, at.BASE_POSITION] = y[at.B]
+    if rows.shape[1] < at.N_COLUMNS:
+        return
+    rows[at_row, at.LAYER_COMPRESSION] = 0.0
     if par[at.HAS_LAYER] > 0.0:
         free = contact != at.CLOSED
-        row[at.LAYER_COMPRESSION] = free_compression(par, y) if free else y[at.P] - y[at.X]
-    row[at.ENERGY] = energy(par, y, contact)
-    row[at.LOST_ENERGY] = y[at.LOST]
-    row[at.DONE_WORK] = y[at.WORK]
+        rows[at_row, at.LAYER_COMPRESSION] = (
+            free_compression(par, y) if free else y[at.P] - y[at.X]
+        )
+    rows[at_row, at.ENERGY] = energy(par, y, contact)
+    rows[at_row, at.LOST_ENERGY] = y[at.LOST]
+    rows[at_row, at.DONE_WORK] = y[at.WORK]
+
+
+@compiled
+def _slip_direction(par: Array, y: Array, t: float, contact: int) -> int:
+    """Way in which a stuck plate gives, from a state in which sticking asks for too much."""
+    needed = stick_force(par, y, t, contact)
+    forward, backward = par[at.STATIC_FORWARD] + needed, par[at.STATIC_BACKWARD] - needed
+    return 1 if forward < backward else -1
 
 
 @compiled
@@ -220,20 +250,9 @@ def _guide_after(par: Array, t: float, y: Array, contact: int, tracked: bool) ->
         return 1
     if speed < -_LEAST_SPEED:
         return -1
-    needed = stick_force(par, y, t, contact)
-    if needed < -par[at.STATIC_FORWARD]:
-        return 1
-    if needed > par[at.STATIC_BACKWARD]:
-        return -1
-    return 0
-
-
-@compiled
-def _slip_direction(par: Array, y: Array, t: float, contact: int) -> int:
-    """Way in which a stuck plate gives, from a state in which sticking asks for too much."""
-    needed = stick_force(par, y, t, contact)
-    forward, backward = par[at.STATIC_FORWARD] + needed, par[at.STATIC_BACKWARD] - needed
-    return 1 if forward < backward else -1
+    if stick_reserve(par, stick_force(par, y, t, contact)) >= 0.0:
+        return 0
+    return _slip_direction(par, y, t, contact)
 
 
 @compiled
@@ -272,7 +291,8 @@ def integrate(
     """Integrate from time 0 and fill ``rows`` at ``times`` (rising, the first at least 0).
 
     ``y`` is the state at time 0 and is changed; ``corners`` are rising times at which a drive
-    has a corner; ``rows`` has shape (len(times), N_COLUMNS). Returns the number of events,
+    has a corner; ``rows`` has shape (len(times), N_COLUMNS), or N_LEAN_COLUMNS where energies do
+    not matter. Returns the number of events,
     or TOO_MANY_STEPS or TOO_MANY_EVENTS, and the number of steps.
     """
     n = len(y)
@@ -280,7 +300,6 @@ def integrate(
     dense = np.zeros((n, 4))
     y_new = np.zeros(n)
     work = np.zeros(n)
-    rate = np.zeros(n)
     tracked = (
         par[at.STATIC_FORWARD] > 0.0
         or par[at.STATIC_BACKWARD] > 0.0
@@ -300,7 +319,7 @@ def integrate(
     h = 1e-4
     fresh = True  # the rate in k[0] is not that of y
     while next_row < len(times) and times[next_row] <= t:
-        _write(par, t, y, contact, guide, rate, rows[next_row])
+        _write(par, t, y, contact, guide, rows, next_row)
         next_row += 1
     while next_row < len(times):
         n_steps += 1
@@ -362,7 +381,7 @@ def integrate(
         t_reached = limit if which < 0 and to_limit else t + reached
         while next_row < len(times) and times[next_row] <= t_reached:
             _dense_state(y, h, dense, (times[next_row] - t) / h, work)
-            _write(par, times[next_row], work, contact, guide, rate, rows[next_row])
+            _write(par, times[next_row], work, contact, guide, rows, next_row)
             next_row += 1
 
         if which < 0:
@@ -407,15 +426,8 @@ def integrate(
                 kind = at.SLIPS
             else:
                 y[at.V] = y[at.VB]
-                needed = stick_force(par, y, t, contact)
-                kind = at.REVERSES
-                if needed < -par[at.STATIC_FORWARD]:
-                    guide = 1
-                elif needed > par[at.STATIC_BACKWARD]:
-                    guide = -1
-                else:
-                    guide = 0
-                    kind = at.STICKS
+                guide = _guide_after(par, t, y, contact, tracked)
+                kind = at.STICKS if guide == 0 else at.REVERSES
         else:
             kind = at.SPRING_REGION
             speed = y[at.V] - y[at.VB]

@@ -97,6 +97,7 @@ ENERGY: Final = 12  # J, kinetic and stored
 LOST_ENERGY: Final = 13  # J
 DONE_WORK: Final = 14  # J
 N_COLUMNS: Final = 15
+N_LEAN_COLUMNS: Final = 11  # all but the layer and the energies
 
 # --- modes and events --------------------------------------------------------------------------
 OPEN: Final = 0

@@ -19,7 +19,7 @@ from impactscope.physics.twin.assembly import (
     start,
 )
 from impactscope.physics.twin.bench import Bench, Blow
-from impactscope.physics.twin.integrator import integrate
+from impactscope.physics.twin.integrator import TOO_MANY_EVENTS, integrate
 
 __all__ = [
     'CHANNELS',
@@ -44,7 +44,7 @@ CHANNELS = {
 
 DEFAULT_TOLERANCE = 1e-7
 LONGEST_STEP = 5e-3  # s
-MAX_EVENTS = 100_000
+FEW_EVENTS, MAX_EVENTS = 500, 100_000
 
 _EVENT_NAMES = {
     at.CONTACT_BEGINS: 'contact_begins',
@@ -139,37 +139,44 @@ class Simulation:
 
 
 def solve(
-    par: Array, times: Array, tolerance: float = DEFAULT_TOLERANCE
+    par: Array, times: Array, tolerance: float = DEFAULT_TOLERANCE, *, lean: bool = False
 ) -> tuple[Array, Array, NDArray[np.int64], int]:
     """Run the compiled twin on a parameter vector; the inner call of every fit.
 
     ``times``: rising, s from first contact; before it everything rests and the impactor
-    approaches. Returns rows of shape (n_times, N_COLUMNS), event times and kinds, and the number
-    of steps. Raises SimulationError where the integration does not get through.
+    approaches. ``lean`` leaves out what only the energy balance needs. Returns rows of shape
+    (n_times, N_COLUMNS) or (n_times, N_LEAN_COLUMNS), event times and kinds, and the number of
+    steps. Raises SimulationError where the integration does not get through.
     """
     state, contact = start(par)
-    rows = np.zeros((len(times), at.N_COLUMNS))
+    rows = np.zeros((len(times), at.N_LEAN_COLUMNS if lean else at.N_COLUMNS))
     before = int(np.searchsorted(times, 0.0))
     if par[at.IMPACTOR_MASS] > 0:
         _approach(par, times[:before], rows[:before])
-    event_times = np.empty(MAX_EVENTS)
-    event_kinds = np.empty(MAX_EVENTS, dtype=np.int64)
+    found = steps = 0
+    event_times = np.empty(0)
+    event_kinds = np.empty(0, dtype=np.int64)
     if before == len(times):
-        return rows, event_times[:0], event_kinds[:0], 0
-    found, steps = integrate(
-        par,
-        state,
-        contact,
-        corners(par),
-        times[before:],
-        tolerance,
-        LONGEST_STEP,
-        rows[before:],
-        event_times,
-        event_kinds,
-    )
+        return rows, event_times, event_kinds, steps
+    for room in (FEW_EVENTS, MAX_EVENTS):
+        event_times = np.empty(room)
+        event_kinds = np.empty(room, dtype=np.int64)
+        found, steps = integrate(
+            par,
+            state.copy(),
+            contact,
+            corners(par),
+            times[before:],
+            tolerance,
+            LONGEST_STEP,
+            rows[before:],
+            event_times,
+            event_kinds,
+        )
+        if found != TOO_MANY_EVENTS:
+            break
     if found < 0:
-        what = 'steps' if found == -1 else 'events'
+        what = 'events' if found == TOO_MANY_EVENTS else 'steps'
         raise SimulationError(
             f'the simulation needs more {what} than allowed: {steps} steps taken'
         )
