@@ -196,6 +196,11 @@ def test_cannot_tell(case):
     assert math.isnan(result.bandwidth.value)
 
 
+def test_resting_level_of_an_angle_is_no_force():
+    result = estimate_sensor(tap(channels=(Channel('angle', 'rad'),), rest_level=8.0))
+    assert 'not a force' in result.reason
+
+
 def test_figures_of_an_angle_stand_beside_the_reason():
     result = estimate_sensor(tap(channels=(Channel('angle', 'rad'),)))
     assert result.natural_frequency.value == pytest.approx(FREQUENCY, rel=0.01)

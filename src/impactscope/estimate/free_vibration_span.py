@@ -27,7 +27,7 @@ HAUSMAN_LIMIT = 18.42  # chi-squared, 2 degrees: exceeded once in 10,000
 VARIANCE_LIMIT = 3.72  # standard normal: exceeded once in 10,000
 AMPLITUDE_LEFT = 0.001  # the span ends where the oscillation has this share of its start ...
 NOISE_LEFT = 0.1  # ... and is below this share of the noise; what follows tells nothing
-FEWEST_PERIODS = 3.0  # a trimmed span keeps at least so many, and ...
+FEWEST_PERIODS = 3.0  # a trimmed span, or one found late, has at least so many, and ...
 SHORTEST = 48  # ... so many samples
 LEAST_AMPLITUDE = 0.4  # share of an oscillation's amplitude that a later start must keep
 LEAST_SNR = 10.0  # amplitude over noise of an oscillation found somewhere after a long contact
@@ -140,6 +140,11 @@ class _Trial:
         if self.solution is None:
             return math.nan
         return model.TWO_PI * self.solution.residual.size / self.solution.w
+
+    @property
+    def periods(self) -> float:
+        """In the span; 0 without a fit."""
+        return 0.0 if self.solution is None else self.solution.w / model.TWO_PI
 
     @property
     def damping_ratio(self) -> float:
@@ -264,7 +269,11 @@ def _search(record: Array, first: int, failed: _Trial) -> _Trial:
         trial = _try(record, first + round(k * step))
         if trial.passes and (
             oscillates
-            or (trial.damping_ratio <= MOST_DAMPING and trial.amplitude >= LEAST_SNR * trial.noise)
+            or (
+                trial.damping_ratio <= MOST_DAMPING
+                and trial.amplitude >= LEAST_SNR * trial.noise
+                and trial.periods >= FEWEST_PERIODS
+            )
         ):
             return trial
     return failed

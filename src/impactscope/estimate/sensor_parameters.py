@@ -148,7 +148,8 @@ def _force_row(event: ImpactEvent, settings: FitterSettings) -> int:
         raise _CannotTell(
             'the impactor stayed on the plate: they oscillate together, not the sensor alone'
         )
-    if row == 0 and event.rest_level > settings.resting_force:
+    in_newtons = event.channels[row].unit == 'N'
+    if row == 0 and in_newtons and event.rest_level > settings.resting_force:
         raise _CannotTell(
             f'a force of {event.rest_level:.3g} N remains after the blow: the impactor rests on '
             'the plate and oscillates with it'
