@@ -459,7 +459,7 @@ def _conclude(result: AnalysisResult, json_file: Path | None, report: Path | Non
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     try:
-        app(arguments, standalone_mode=False)
+        code = app(arguments, standalone_mode=False)
     except typer.Exit as stop:
         return int(stop.exit_code)
     except (typer.Abort, KeyboardInterrupt):
@@ -477,7 +477,7 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         error.show()  # type: ignore[attr-defined]
         return int(getattr(error, 'exit_code', 2))
-    return 0
+    return code if isinstance(code, int) else 0
 
 
 def _fail(error: Exception, code: int) -> int:

@@ -126,10 +126,6 @@ def recorded_items(recording: Recording, inputs: Sequence[Input] = ()) -> Iterat
         for name, topic in topics.items()
         if topic.reading in {Reading.BLOCKS, Reading.TEST_POINTS} or name in assemblers
     ]
-    if not any(topics[name].reading is not Reading.TEST_POINTS for name in wanted):
-        raise MissingChannelError(
-            f'the recording holds no samples; its topics are {", ".join(topics) or "none"}'
-        )
     for record in read_streams(recording, topics=wanted):
         if isinstance(record, SampleRun):
             for item, assembler in assemblers[record.topic]:
@@ -161,6 +157,11 @@ def scan_channels(
                 limit_ns = log_ns + round(span * NANOSECONDS)
             if not missing and log_ns > limit_ns:
                 break
+    if not names:
+        topics = ', '.join(topic.name for topic in recording.info.topics) or 'none'
+        raise MissingChannelError(
+            f'{recording.info.path.name!r} holds no samples; its topics are {topics}'
+        )
     return channel_order(names)
 
 

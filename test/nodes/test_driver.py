@@ -127,7 +127,11 @@ def test_a_device_that_misbehaves_recovers_and_tells():
             def mine():
                 return [s for s in doctor.statuses if s.name == '/bench/force_driver']
 
-            assert eventually(lambda: any(v.key == 'recoveries' and v.value == '1' for s in mine() for v in s.values))
+            assert eventually(
+                lambda: any(
+                    v.key == 'recoveries' and v.value == '1' for s in mine() for v in s.values
+                )
+            )
     flags = Quality.NONE
     for block in blocks:
         flags |= Quality(block.quality)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable
 from typing import Any
 
@@ -42,6 +43,13 @@ class StageNode(Node):
                 self.refused += 1
                 self._trouble = str(error)
                 self.get_logger().error(f'{self.get_name()}: {error}', throttle_duration_sec=1.0)
+            except Exception as error:  # noqa: BLE001 - a fault of ours must not end a measurement
+                self.refused += 1
+                self._trouble = f'{type(error).__name__}: {error}'
+                self.get_logger().error(
+                    f'{self.get_name()}: unexpected\n{traceback.format_exc()}',
+                    throttle_duration_sec=1.0,
+                )
 
         return guarded
 

@@ -133,18 +133,17 @@ class SynchroniserNode(StageNode):
 
     def _publish_mirror(self, block: SampleBlock) -> None:
         """Repeat a channel for plots, decimated with its peaks kept; its axis is z."""
-        is_force = block.unit == 'N'
         if block.channel not in self._mirrors:
             topic = 'mirror/' + re.sub(r'\W', '_', block.channel)
-            kind = WrenchStamped if is_force else AccelStamped
+            kind = WrenchStamped if block.unit == 'N' else AccelStamped
             publisher = self.create_publisher(kind, topic, qos.MIRROR)
-            self._mirrors[block.channel] = (ChannelMirror(self._mirror_rate), publisher)
-        mirror, publisher = self._mirrors[block.channel]
+            self._mirrors[block.channel] = (ChannelMirror(self._mirror_rate), kind, publisher)
+        mirror, kind, publisher = self._mirrors[block.channel]
         for stamp_ns, value in zip(*mirror.push(block), strict=True):
-            message = WrenchStamped() if is_force else AccelStamped()
+            message = kind()
             message.header.stamp = time_message(int(stamp_ns))
             message.header.frame_id = block.frame_id
-            vector = message.wrench.force if is_force else message.accel.linear
+            vector = message.wrench.force if kind is WrenchStamped else message.accel.linear
             vector.z = float(value)
             publisher.publish(message)
 

@@ -1,0 +1,196 @@
+import dataclasses
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from impactscope import cli
+from impactscope.configuration import bags_folder
+from impactscope.drivers.simulated import write_simulation
+from impactscope.recordings import RecordingWriter, open_recording
+from impactscope.records import SampleBlock, TestPoint
+
+HAMMER = str(bags_folder() / 'hammer_blow_1.mcap')
+
+
+def run(capsys, *arguments):
+    """Exit code, standard output and standard error, with line breaks folded."""
+    code = cli.main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return code, ' '.join(out.split()), ' '.join(err.split())
+
+
+@pytest.fixture(scope='module')
+def campaigns(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('campaigns')
+    for name in ('hand_pass', 'hand_fail'):
+        write_simulation(name, folder / f'{name}.mcap')
+    return folder
+
+
+def test_help_teaches(capsys):
+    code, out, _ = run(capsys, '--help')
+    assert code == 0
+    for word in ('analyse', 'replay', 'live', 'simulate', 'convert', 'demo', 'Exit codes'):
+        assert word in out
+    assert 'not a safety function' in out
+    for command in ('analyse', 'replay', 'live', 'simulate', 'convert', 'demo', 'info'):
+        assert run(capsys, command, '--help')[0] == 0
+
+
+def test_version(capsys):
+    code, out, _ = run(capsys, '--version')
+    assert code == 0
+    assert re.search(r'impactscope \d+\.\d+\.\d+', out)
+
+
+@pytest.mark.parametrize(
+    ('name', 'verdict', 'exit_code'), [('hand_pass', 'PASS', 0), ('hand_fail', 'FAIL', 1)]
+)
+def test_exit_code_json_and_report_say_the_verdict(
+    capsys, campaigns, tmp_path, name, verdict, exit_code
+):
+    results, report = tmp_path / 'results.json', tmp_path / 'report.html'
+    code, out, _ = run(
+        capsys, 'analyse', campaigns / f'{name}.mcap', '--json', results, '--report', report
+    )
+    assert code == exit_code
+    assert f'verdict {verdict}' in out
+    content = json.loads(results.read_text(encoding='utf-8'))
+    assert content['verdict'] == verdict
+    assert content['schema_version'] == 1
+    assert len(content['events']) == 3
+    assert len(content['sha256']) == 64
+    assert verdict in report.read_text(encoding='utf-8')
+
+
+def test_a_recording_of_no_measuring_device_is_invalid(capsys):
+    code, out, _ = run(capsys, 'analyse', HAMMER, '--region', 'hands_fingers')
+    assert code == 4
+    assert 'Not a PFL measuring device' in out
+
+
+def test_what_is_not_stated_leaves_it_incomplete(capsys, tmp_path):
+    write_simulation('taps', tmp_path / 'taps.mcap')
+    code, out, _ = run(capsys, 'analyse', tmp_path / 'taps.mcap')
+    assert code == 5
+    assert 'body region' in out
+
+
+@pytest.mark.parametrize(
+    ('content', 'words'),
+    [(None, 'no recording'), (b'', 'empty'), (b'not a recording at all' * 9, 'recording')],
+)
+def test_what_is_no_recording_is_refused_in_one_line(capsys, tmp_path, content, words):
+    path = tmp_path / 'thing.mcap'
+    if content is not None:
+        path.write_bytes(content)
+    for command in ('analyse', 'info', 'replay'):
+        code, _, err = run(capsys, command, path)
+        assert code == 3, command
+        assert words in err
+        assert 'Traceback' not in err
+
+
+def test_a_torn_recording_gives_what_it_has_and_no_pass(capsys, campaigns, tmp_path):
+    whole = (campaigns / 'hand_pass.mcap').read_bytes()
+    torn = tmp_path / 'torn.mcap'
+    torn.write_bytes(whole[: len(whole) * 6 // 10])
+    code, out, _ = run(capsys, 'analyse', torn)
+    assert code == 3
+    assert 'blow 1' in out
+    assert 'verdict INVALID' in out
+    assert run(capsys, 'info', torn)[0] == 3
+
+
+def test_a_recording_without_samples(capsys, tmp_path):
+    with RecordingWriter(tmp_path / 'points.mcap') as writer:
+        writer.write_test_point(TestPoint(id='a', start_ns=10**18), '/test_point')
+    code, _, err = run(capsys, 'analyse', tmp_path / 'points.mcap')
+    assert code == 3
+    assert 'no samples' in err
+
+
+def test_values_that_are_no_numbers_never_pass(capsys, campaigns, tmp_path):
+    path = tmp_path / 'nan.mcap'
+    with (
+        open_recording(campaigns / 'hand_pass.mcap') as recording,
+        RecordingWriter(path) as writer,
+    ):
+        for topic, log_ns, record in recording.records():
+            if isinstance(record, SampleBlock):
+                if record.channel == 'force':
+                    values = record.values.copy()
+                    values[::50] = np.nan
+                    record = dataclasses.replace(record, values=values)
+                writer.write_block(record, topic, log_ns)
+            else:
+                writer.write_test_point(record, topic, log_ns)
+    code, out, _ = run(capsys, 'analyse', path)
+    assert code in {1, 4, 5}
+    assert ' PASS' not in out
+
+
+def test_wrong_usage(capsys, tmp_path):
+    assert run(capsys, 'analyse')[0] == 2
+    assert run(capsys, 'dance')[0] == 2
+    assert run(capsys, 'analyse', HAMMER, '--input', 'nonsense')[0] == 2
+    assert run(capsys, 'simulate', 'no_such_campaign', '-o', tmp_path / 'x.mcap')[0] == 2
+    params = tmp_path / 'p.yaml'
+    params.write_text('- a list', encoding='utf-8')
+    code, _, err = run(capsys, 'analyse', HAMMER, '-p', params)
+    assert code == 2
+    assert 'no mapping' in err
+
+
+def test_convert_describes_and_writes(capsys, tmp_path):
+    table = tmp_path / 'blow.csv'
+    rows = '\n'.join(f'{i / 1000:.3f},{i % 7}' for i in range(3000))
+    table.write_text('time,Fz\n' + rows + '\n', encoding='utf-8')
+    code, out, _ = run(capsys, 'convert', table)
+    assert code == 0
+    assert 'Fz' in out
+    made = tmp_path / 'blow.mcap'
+    code, out, _ = run(
+        capsys, 'convert', table, made, '--time-column', 'time:s', '--channel', 'force=Fz:kN'
+    )
+    assert code == 0
+    assert '1000 Hz' in out
+    code, out, _ = run(capsys, 'info', made)
+    assert code == 0
+    assert 'channels: force' in out
+    code, _, err = run(
+        capsys, 'convert', table, made, '--time-column', 'time:s', '--channel', 'force=Fz:furlong'
+    )
+    assert code == 2
+    assert 'furlong' in err
+
+
+def test_hostile_text_is_shown_as_text(capsys, tmp_path):
+    path = tmp_path / 'hostile.mcap'
+    channel = '[red]force[/red]<script>alert(1)</script>'
+    with RecordingWriter(path, metadata={'provenance': {'[bold]': '[/] [link=x]'}}) as writer:
+        for index in range(0, 2000, 20):
+            values = np.zeros(20, np.float32)
+            block = SampleBlock(channel, '[i]N', 1000.0, 10**18 + index * 10**6, index, values)
+            writer.write_block(block, '/samples')
+    code, out, _ = run(capsys, 'info', path)
+    assert code == 0
+    assert '[red]force[/red]' in out
+    report = tmp_path / 'report.html'
+    assert run(capsys, 'analyse', path, '--report', report)[0] in {4, 5}
+    assert '<script>alert' not in report.read_text(encoding='utf-8')
+
+
+def test_as_a_program():
+    done = subprocess.run(
+        [sys.executable, '-m', 'impactscope.cli', 'info', HAMMER],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0
+    assert 'force.hammer' in done.stdout
