@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import signal
 from scipy.integrate import solve_ivp
 
 from impactscope.errors import ConfigurationError
@@ -22,11 +23,12 @@ from impactscope.physics.twin.bench import (
     Branch,
     DamperLayer,
     HammerTap,
+    MeasuredForce,
     PendulumBlow,
     RobotBlow,
     Sensor,
 )
-from impactscope.physics.twin.simulate import simulate, solve
+from impactscope.physics.twin.simulate import SimulationError, simulate, solve
 
 FINE = 1e-10
 
@@ -282,6 +284,8 @@ def test_energy_never_appears_from_nowhere(data):
         lambda: BareContact(restitution=0.0),
         lambda: DamperLayer(1e4, (Branch(1.0, 1.0),) * 7),
         lambda: HammerTap(duration=0.0),
+        lambda: MeasuredForce(np.array([1.0, math.nan]), 1000.0),
+        lambda: Sensor(damping_constant=-1.0),
         lambda: RobotBlow(effective_mass=0.0),
         lambda: simulate(Bench(), PendulumBlow(), duration=0.0),
         lambda: simulate(Bench(), PendulumBlow(), mechanisms={'gremlins': {}}),
@@ -300,3 +304,78 @@ def test_energy_never_appears_from_nowhere(data):
 def test_impossible_descriptions_are_refused(make):
     with pytest.raises(ConfigurationError):
         make()
+
+
+def test_measured_force_drives_the_plate_as_an_exact_first_order_hold():
+    """Against scipy's exact discretisation (lsim) of the same linear system."""
+    sensor, rate = Sensor(), 2000.0
+    force = 50.0 * np.random.default_rng(4).standard_normal(400)
+    blow = MeasuredForce(force, rate)
+    result = simulate(Bench(sensor, None), blow, duration=0.19, sample_rate=rate, tolerance=1e-10)
+    m, c, k = sensor.moving_mass, sensor.damping, sensor.stiffness
+    system = signal.StateSpace([[0, 1], [-k / m, -c / m]], [[0], [1 / m]], [[k, 0]], [[0]])
+    _, expected, _ = signal.lsim(system, force[:380], np.arange(380) / rate)
+    np.testing.assert_allclose(result['force'], expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_a_driven_mass_without_spring_slides_as_coulomb_says():
+    """Constant drive 10 N on 2 kg with 4 N friction from rest: x = a t^2 / 2, a = 3 m/s^2."""
+    sensor = Sensor(0.0, 2.0, 0.0, damping_constant=0.0)
+    blow = MeasuredForce(np.full(101, 10.0), 100.0)
+    friction = {'coulomb_friction': {'force': 4.0}}
+    result = simulate(Bench(sensor, None), blow, mechanisms=friction, duration=3.0)
+    position, time = result.rows[:, at.PLATE_POSITION], result.time
+    driven = time < 1.0
+    np.testing.assert_allclose(position[driven], 1.5 * time[driven] ** 2, atol=1e-9)
+    # the drive falls to zero in 0.01 s, a = 3 - 500 t, then the mass coasts at -2 m/s^2 and stays
+    speed = 3.0 + 3.0 * 0.01 - 250.0 * 0.01**2
+    way = 1.5 + 3.0 * 0.01 + 1.5 * 0.01**2 - 500.0 / 6 * 0.01**3 + speed**2 / 4
+    assert result.events[-1].kind == 'sticks'
+    assert result.events[-1].time == pytest.approx(1.01 + speed / 2, abs=1e-9)
+    assert position[-1] == pytest.approx(way, abs=1e-9)
+
+
+def test_a_free_robot_flies_on_after_its_blow():
+    free = simulate(Bench(), RobotBlow(push_force=0.0), duration=2.0)
+    assert free.rows[-1, at.IMPACTOR_VELOCITY] < -0.01
+
+
+def test_runaway_parameters_end_in_one_clear_error():
+    softening = {'softening_spring': {'cubic': -1e13}}
+    with pytest.raises(SimulationError, match='finite'):
+        simulate(Bench(damper=None), HammerTap(2000.0), mechanisms=softening)
+
+
+def test_results_are_smooth_in_the_parameters():
+    """Central differences with small and smaller steps agree: fits can use them."""
+    bench, blow = Bench(), PendulumBlow()
+    par = assemble(bench, blow, implied_effects(bench, blow))
+    times = np.arange(800) / 2000.0
+
+    def slope(step: float) -> np.ndarray:
+        change = []
+        for sign in (1.0, -1.0):
+            moved = par.copy()
+            moved[at.STIFFNESS] *= 1 + sign * step
+            change.append(solve(moved, times, lean=True)[0][:, at.READING])
+        return (change[0] - change[1]) / (2 * step)
+
+    coarse, fine = slope(3e-4), slope(1e-4)
+    assert np.abs(coarse - fine).max() < 0.01 * np.abs(fine).max()
+
+
+def test_a_lean_run_gives_the_same_channels():
+    bench, blow = Bench(), PendulumBlow()
+    par = assemble(bench, blow, implied_effects(bench, blow))
+    times = np.arange(500) / 1000.0
+    full, lean = solve(par, times)[0], solve(par, times, lean=True)[0]
+    np.testing.assert_array_equal(full[:, : at.N_LEAN_COLUMNS], lean)
+
+
+def test_the_bench_says_what_it_assumes():
+    assert 'assumption' in Bench().notes[0]
+    assert '10 mm/min' in Bench(damper=PAPER_LAYER).notes[0]
+    assert 'restitution of 0.5' in Bench(damper=None).notes[0]
+    losses = [IMPACT_RATE_LAYER.loss_factor(f) for f in (8, 15, 30, 60, 150)]
+    assert losses == pytest.approx([0.4] * 5, abs=0.04)
+    assert PAPER_LAYER.loss_factor(30.0) < 1e-3

@@ -24,7 +24,7 @@ def _stamp() -> tuple[float, int]:
 
 
 def _compile(function: _Function, *, inlined: bool) -> _Function:
-    dispatcher = njit(cache=True, error_model='numpy', forceinline=inlined)(function)
+    dispatcher = njit(cache=True, nogil=True, error_model='numpy', forceinline=inlined)(function)
     with contextlib.suppress(AttributeError):  # internals of numba; without them, as numba does
         dispatcher._cache._cache_file._source_stamp = _stamp()
     return cast('_Function', dispatcher)

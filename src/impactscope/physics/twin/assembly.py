@@ -14,7 +14,7 @@ from impactscope.physics.mechanisms.mechanism import Mechanism
 from impactscope.physics.mechanisms.registry import mechanism
 from impactscope.physics.pendulum import Orientation
 from impactscope.physics.twin import layout as at
-from impactscope.physics.twin.bench import Bench, Blow, HammerTap, PendulumBlow
+from impactscope.physics.twin.bench import Bench, Blow, HammerTap, MeasuredForce, PendulumBlow
 
 __all__ = ['Effect', 'Effects', 'assemble', 'corners', 'implied_effects', 'normalise', 'start']
 
@@ -47,7 +47,7 @@ Effects = Iterable[Effect] | Mapping[str, Mapping[str, float]]
 def implied_values(bench: Bench, blow: Blow) -> dict[str, dict[str, float]]:
     """Mechanisms that bench and blow imply, with the values that follow from them."""
     implied: dict[str, dict[str, float]] = {}
-    if isinstance(blow, HammerTap):
+    if isinstance(blow, HammerTap | MeasuredForce):
         return implied
     implied['unilateral_contact'] = {}
     if isinstance(blow, PendulumBlow):
@@ -97,6 +97,8 @@ def normalise(effects: Effects | None, bench: Bench, blow: Blow) -> tuple[Effect
 def assemble(bench: Bench, blow: Blow, effects: Iterable[Effect]) -> Array:
     """Parameter vector of the compiled bench, shape (N_PARAMETERS,); see :mod:`.layout`.
 
+    A measured force lengthens it by its samples.
+
     Effects of the measuring chain are left to it. Raises ConfigurationError where an effect
     needs a damper or an impactor that is not there.
     """
@@ -111,7 +113,7 @@ def assemble(bench: Bench, blow: Blow, effects: Iterable[Effect]) -> Array:
         par[at.CONTACT_STIFFNESS] = bench.contact.stiffness
         par[at.CONTACT_EXPONENT] = bench.contact.exponent
         par[at.CONTACT_LOSS] = bench.contact.loss
-    elif not isinstance(blow, HammerTap):
+    elif not isinstance(blow, HammerTap | MeasuredForce):
         par[at.HAS_LAYER] = 1.0
         par[at.LAYER_STIFFNESS] = bench.damper.parallel_stiffness
         par[at.BRANCHES] = len(bench.damper.branches)
@@ -121,6 +123,9 @@ def assemble(bench: Bench, blow: Blow, effects: Iterable[Effect]) -> Array:
     if isinstance(blow, HammerTap):
         par[at.TAP_PEAK] = blow.peak_force
         par[at.TAP_DURATION] = blow.duration
+    elif isinstance(blow, MeasuredForce):
+        par[at.EXCITATION_RATE] = blow.sample_rate
+        par = np.concatenate((par, np.asarray(blow.values, dtype=np.float64), [0.0]))
     elif isinstance(blow, PendulumBlow):
         par[at.IMPACTOR_MASS] = blow.pendulum.equivalent_mass
         par[at.LEVER] = blow.pendulum.contact_distance
@@ -131,15 +136,15 @@ def assemble(bench: Bench, blow: Blow, effects: Iterable[Effect]) -> Array:
     else:
         par[at.IMPACTOR_MASS] = blow.effective_mass
         par[at.IMPACT_SPEED] = blow.speed
-        if math.isfinite(blow.push_hold):
+        if blow.push_force > 0 and math.isfinite(blow.push_hold):
             release = blow.push_rise + blow.push_hold
             _lift(par, blow.retract_force, release, blow.push_fall)
     for effect in effects:
         kind = effect.mechanism
         if 'damper' in kind.needs and bench.damper is None:
             raise ConfigurationError(f'{effect.name} needs a damper; the bench has none')
-        if 'impactor' in kind.needs and isinstance(blow, HammerTap):
-            raise ConfigurationError(f'{effect.name} needs an impactor; a hammer tap has none')
+        if 'impactor' in kind.needs and isinstance(blow, HammerTap | MeasuredForce):
+            raise ConfigurationError(f'{effect.name} needs an impactor; there is none')
         if kind.enter is not None:
             kind.enter(par, effect.values)
     return par
@@ -162,7 +167,11 @@ def corners(par: Array) -> Array:
         for width in (par[at.PUSH_RISE], par[at.PUSH_HOLD], par[at.PUSH_FALL]):
             edge += width
             times.append(edge)
-    return np.array(sorted({float(t) for t in times if 0 < t < math.inf}), dtype=np.float64)
+    found = np.array([t for t in times if 0 < t < math.inf])
+    if par[at.EXCITATION_RATE] > 0:
+        samples = np.arange(1, len(par) - at.EXCITATION) / par[at.EXCITATION_RATE]
+        found = np.concatenate((found, samples))
+    return np.unique(found)
 
 
 def start(par: Array) -> tuple[Array, int]:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from impactscope.errors import ConfigurationError
+from impactscope.physics import damper_layer
 from impactscope.physics.pendulum import Orientation, Pendulum
 
 __all__ = [
@@ -19,6 +22,7 @@ __all__ = [
     'Branch',
     'DamperLayer',
     'HammerTap',
+    'MeasuredForce',
     'PendulumBlow',
     'RobotBlow',
     'Sensor',
@@ -42,6 +46,7 @@ class Sensor:
     moving_mass: float = 1.671  # kg
     damping_ratio: float = 0.0692
     reads: str = 'spring_force'  # or 'displacement', k x
+    damping_constant: float | None = None  # N s/m; given, it takes the damping ratio's place
 
     def __post_init__(self) -> None:
         _check(
@@ -50,6 +55,8 @@ class Sensor:
             moving_mass=(self.moving_mass, 1e-6, 1e6),
             damping_ratio=(self.damping_ratio, 0.0, 100.0),
         )
+        if self.damping_constant is not None:
+            _check('sensor', damping_constant=(self.damping_constant, 0.0, 1e9))
         if self.reads not in ('spring_force', 'displacement'):
             raise ConfigurationError(
                 f"sensor: reads is {self.reads!r}; it must be 'spring_force' or 'displacement'"
@@ -57,7 +64,9 @@ class Sensor:
 
     @property
     def damping(self) -> float:
-        """Damping constant c = 2 zeta sqrt(k m), N s/m."""
+        """Damping constant c, N s/m: as given, or 2 zeta sqrt(k m)."""
+        if self.damping_constant is not None:
+            return self.damping_constant
         return 2 * self.damping_ratio * math.sqrt(self.stiffness * self.moving_mass)
 
     @property
@@ -100,23 +109,29 @@ class DamperLayer:
                 f'damper: {len(self.branches)} branches; the bench holds 6 at most'
             )
 
+    @property
+    def model(self) -> damper_layer.DamperLayer:
+        """The layer's closed forms: dynamic stiffness, loss factor, relaxation."""
+        return damper_layer.DamperLayer(
+            self.parallel_stiffness,
+            tuple(damper_layer.MaxwellBranch(b.stiffness, b.damping) for b in self.branches),
+        )
+
     def dynamic_stiffness(self, frequency: float) -> complex:
         """Complex stiffness at ``frequency`` Hz, N/m."""
-        omega = 2j * math.pi * frequency
-        return self.parallel_stiffness + sum(
-            b.stiffness * omega * b.damping / (b.stiffness + omega * b.damping)
-            for b in self.branches
-        )
+        return complex(self.model.dynamic_stiffness(frequency))
 
     def loss_factor(self, frequency: float) -> float:
         """Tangent of the loss angle at ``frequency`` Hz."""
-        stiffness = self.dynamic_stiffness(frequency)
-        return stiffness.imag / stiffness.real
+        return float(self.model.loss_factor(frequency))
 
+
+_PAPER = damper_layer.PAPER_LAYER_SH10
+_PAPER_BRANCHES = tuple(Branch(b.stiffness, b.viscosity) for b in _PAPER.branches)
 
 PAPER_LAYER = DamperLayer(
-    parallel_stiffness=38_320.0,
-    branches=(Branch(18_840.0, 77_900.0),),
+    parallel_stiffness=_PAPER.equilibrium_stiffness,
+    branches=_PAPER_BRANCHES,
     name='SH10 at 10 mm/min',
     origin=(
         "Samarathunga et al. 2024, section 3.3, from ramps of 10 mm/min: the branch's time is "
@@ -125,9 +140,9 @@ PAPER_LAYER = DamperLayer(
 )
 
 IMPACT_RATE_LAYER = DamperLayer(
-    parallel_stiffness=38_320.0,
+    parallel_stiffness=_PAPER.equilibrium_stiffness,
     branches=(
-        Branch(18_840.0, 77_900.0),
+        *_PAPER_BRANCHES,
         Branch(42_000.0, 840.0),
         Branch(32_000.0, 130.0),
         Branch(111_000.0, 100.0),
@@ -202,6 +217,16 @@ class Bench:
     def __post_init__(self) -> None:
         _check('bench', body_mass=(self.body_mass, 0.0, 1e4))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of a simulation must know of its assumptions, in sentences."""
+        if self.damper is not None:
+            return (self.damper.origin,) if self.damper.origin else ()
+        return (
+            f'Bare contact after Hunt and Crossley with a restitution of '
+            f'{self.contact.restitution:g} at {self.contact.restitution_speed:g} m/s, assumed.',
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class HammerTap:
@@ -240,7 +265,8 @@ class RobotBlow:
     """A robot that strikes with its effective mass and pushes until it has stopped.
 
     Its drive pushes with ``push_force`` N from first contact on, rising over ``push_rise`` s,
-    held for ``push_hold`` s and let go over ``push_fall`` s; then it is drawn back.
+    held for ``push_hold`` s and let go over ``push_fall`` s; then it is drawn back. Without a push
+    it is a mass that flies freely.
     """
 
     effective_mass: float = 4.0  # kg
@@ -264,4 +290,26 @@ class RobotBlow:
         )
 
 
-Blow = HammerTap | PendulumBlow | RobotBlow
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredForce:
+    """A force on the plate that was measured: instrumented hammer, shaker, drive.
+
+    ``values`` in N, shape (n,), from time 0 on, straight lines in between; within one more
+    sample it falls to zero.
+    """
+
+    values: NDArray[np.float64]
+    sample_rate: float  # Hz
+
+    def __post_init__(self) -> None:
+        _check('measured force', sample_rate=(self.sample_rate, 1e-6, 1e8))
+        values = np.asarray(self.values)
+        if values.ndim != 1 or values.size < 2 or not np.isfinite(values).all():
+            raise ConfigurationError(
+                f'measured force: values of shape {values.shape} must be a row of at least two '
+                'finite numbers'
+            )
+
+
+Blow = HammerTap | PendulumBlow | RobotBlow | MeasuredForce
+"""What sets the bench in motion."""

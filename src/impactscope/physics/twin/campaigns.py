@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 from impactscope.errors import ConfigurationError
 from impactscope.physics.pendulum import Orientation, Pendulum
+from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import Bench, Blow, HammerTap, PendulumBlow, RobotBlow
 from impactscope.physics.twin.stream import Campaign, ScheduledBlow
 from impactscope.records import NANOSECONDS, ContactKind, TestPoint
@@ -18,6 +19,7 @@ MASS_DISTANCES = (0.0, 0.05, 0.10, 0.15, 0.20, 0.25)  # m, paper section 3.2
 RELEASE_ANGLE = math.radians(10.0)
 INTERVAL = 5.0  # s between blows
 FIRST = 2.0  # s; the quiet before lets the noise be learnt
+SLIDE_FRICTION = 1.0  # N, on the horizontal bench; an assumption, the paper gives no figure
 LIFT_TIME = 2.0  # s after contact the pendulum is taken off the plate
 
 
@@ -72,14 +74,19 @@ def _positions(name: str, orientation: Orientation, with_damper: bool) -> Campai
     bench = Bench(orientation=orientation)
     if not with_damper:
         bench = Bench(orientation=orientation, damper=None)
+    friction: tuple[Effect, ...] = ()
+    if orientation is Orientation.HORIZONTAL:  # here the slides carry the plate's weight
+        friction = (Effect('coulomb_friction', {'force': SLIDE_FRICTION}),)
     blows = [_pendulum(d, RELEASE_ANGLE, orientation) for d in MASS_DISTANCES]
     return Campaign(
         name,
         f'Pendulum blows from 10 degrees with the mass at 0 to 0.25 m, {orientation.value} bench, '
-        f'{"with" if with_damper else "without"} damper (paper section 3.2).',
+        f'{"with" if with_damper else "without"} damper (paper section 3.2)'
+        f'{f"; friction of {SLIDE_FRICTION:g} N in the slides, assumed" if friction else ""}.',
         _in_row(blows),
         _length(len(blows)),
         bench=bench,
+        mechanisms=friction,
     )
 
 

@@ -128,7 +128,16 @@ def contact_force(par: Array, y: Array, contact: int) -> float:
 
 @law
 def tap_force(par: Array, t: float) -> float:
-    """Half-sine force of a hammer on the plate, N."""
+    """Force on the plate from outside, N: a hammer's half-sine, or a measured one."""
+    rate: float = par[at.EXCITATION_RATE]
+    if rate > 0.0:
+        place = t * rate
+        i = int(place)
+        if place < 0.0 or at.EXCITATION + i + 1 >= len(par):
+            return 0.0
+        before: float = par[at.EXCITATION + i]
+        after: float = par[at.EXCITATION + i + 1]
+        return before + (place - i) * (after - before)
     if t <= 0.0 or t >= par[at.TAP_DURATION]:
         return 0.0
     force: float = par[at.TAP_PEAK] * math.sin(math.pi * t / par[at.TAP_DURATION])

@@ -33,13 +33,14 @@ from impactscope.physics.twin.equations import (
     stick_reserve,
 )
 
-__all__ = ['TOO_MANY_EVENTS', 'TOO_MANY_STEPS', 'integrate']
+__all__ = ['NOT_FINITE', 'TOO_MANY_EVENTS', 'TOO_MANY_STEPS', 'integrate']
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 TOO_MANY_STEPS: Final = -1
 TOO_MANY_EVENTS: Final = -2
+NOT_FINITE: Final = -3
 
 _NODES = np.array([0.0, 0.2, 0.3, 0.8, 8 / 9, 1.0, 1.0])
 _STAGES = np.array([
@@ -284,6 +285,7 @@ def integrate(
     times: Array,
     tolerance: float,
     longest_step: float,
+    most_steps: int,
     rows: Array,
     event_times: Array,
     event_kinds: IntArray,
@@ -293,7 +295,7 @@ def integrate(
     ``y`` is the state at time 0 and is changed; ``corners`` are rising times at which a drive
     has a corner; ``rows`` has shape (len(times), N_COLUMNS), or N_LEAN_COLUMNS where energies do
     not matter. Returns the number of events,
-    or TOO_MANY_STEPS or TOO_MANY_EVENTS, and the number of steps.
+    or TOO_MANY_STEPS, TOO_MANY_EVENTS or NOT_FINITE, and the number of steps.
     """
     n = len(y)
     k = np.zeros((7, n))
@@ -323,7 +325,7 @@ def integrate(
         next_row += 1
     while next_row < len(times):
         n_steps += 1
-        if n_steps > 20_000_000:
+        if n_steps > most_steps:
             return TOO_MANY_STEPS, n_steps
         while next_corner < len(corners) and corners[next_corner] <= t + _SHORTEST:
             next_corner += 1
@@ -342,6 +344,8 @@ def integrate(
         if not error <= 1.0 and h > _SHORTEST:  # also where it is not a number
             h *= max(0.1, 0.9 * error**-0.2) if error < 1e30 else 0.1
             continue
+        if not error < 1e30:
+            return NOT_FINITE, n_steps
 
         # --- does the step leave the mode? -------------------------------------------------
         g0 = guard(par, y, t, contact, guide, region)

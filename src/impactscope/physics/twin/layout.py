@@ -28,7 +28,7 @@ Z: Final = 11  # first dashpot displacement of the layer's Maxwell branches, m
 N_STATES: Final = 11
 MAX_BRANCHES: Final = 6
 
-# --- parameters, shape (N_PARAMETERS,) ---------------------------------------------------------
+# --- parameters, shape (N_PARAMETERS,), longer by a measured force -----------------------------
 PLATE_MASS: Final = 0  # kg
 STIFFNESS: Final = 1  # N/m
 DAMPING: Final = 2  # N s/m
@@ -77,8 +77,10 @@ LIFT_RISE: Final = 44  # s
 CATCH_TIME: Final = 45  # s, from here on the impactor is held where it is once it is off the plate
 IMPACT_SPEED: Final = 46  # m/s, at time 0, which is first contact
 READS_DISPLACEMENT: Final = 47  # 1: the reading is k x; 0: it is the spring's force
-BRANCH: Final = 48  # stiffness and damping of each branch in turn
+EXCITATION_RATE: Final = 48  # Hz, of a measured force on the plate; 0: none
+BRANCH: Final = 49  # stiffness and damping of each branch in turn
 N_PARAMETERS: Final = BRANCH + 2 * MAX_BRANCHES
+EXCITATION: Final = N_PARAMETERS  # the samples of the measured force, N, follow from here
 
 # --- columns of the output, shape (n_times, N_COLUMNS) -----------------------------------------
 READING: Final = 0  # N, what the sensor reads

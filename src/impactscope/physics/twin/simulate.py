@@ -19,7 +19,7 @@ from impactscope.physics.twin.assembly import (
     start,
 )
 from impactscope.physics.twin.bench import Bench, Blow
-from impactscope.physics.twin.integrator import TOO_MANY_EVENTS, integrate
+from impactscope.physics.twin.integrator import NOT_FINITE, TOO_MANY_EVENTS, integrate
 
 __all__ = [
     'CHANNELS',
@@ -44,6 +44,7 @@ CHANNELS = {
 
 DEFAULT_TOLERANCE = 1e-7
 LONGEST_STEP = 5e-3  # s
+MOST_STEPS = 1_000_000  # and some for each sample; a usual blow takes a thousand
 FEW_EVENTS, MAX_EVENTS = 500, 100_000
 
 _EVENT_NAMES = {
@@ -169,6 +170,7 @@ def solve(
             times[before:],
             tolerance,
             LONGEST_STEP,
+            MOST_STEPS + 8 * len(times),
             rows[before:],
             event_times,
             event_kinds,
@@ -176,6 +178,8 @@ def solve(
         if found != TOO_MANY_EVENTS:
             break
     if found < 0:
+        if found == NOT_FINITE:
+            raise SimulationError('the simulation does not stay finite with these parameters')
         what = 'events' if found == TOO_MANY_EVENTS else 'steps'
         raise SimulationError(
             f'the simulation needs more {what} than allowed: {steps} steps taken'
