@@ -259,3 +259,17 @@ def test_overlapping_event_uses_nothing_of_the_next():
 def test_settings_out_of_range_are_refused(bad):
     with pytest.raises(ConfigurationError, match=next(iter(bad))):
         FitterSettings(**bad)
+
+
+def test_fast_sampling_gives_the_figures_of_its_own_samples():
+    slow, fast = estimate_sensor(tap(noise=2.0)), estimate_sensor(tap(rate=10_000.0, noise=2.0))
+    assert fast.valid
+    assert fast.rmse == pytest.approx(2.0, rel=0.03)
+    assert fast.r_squared == pytest.approx(slow.r_squared, abs=0.02)
+    assert fast.amplitude.value == pytest.approx(slow.amplitude.value, rel=0.02)
+    assert fast.damping_ratio.std == pytest.approx(
+        slow.damping_ratio.std / math.sqrt(10), rel=0.15
+    )
+    assert abs(fast.damping_ratio.value - DAMPING) < 4 * fast.damping_ratio.std
+    assert fast.span_start == pytest.approx(slow.span_start, abs=0.002)
+    assert fast.span_end <= 1.5

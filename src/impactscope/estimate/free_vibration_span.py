@@ -33,8 +33,9 @@ LEAST_AMPLITUDE = 0.4  # share of an oscillation's amplitude that a later start 
 LEAST_SNR = 10.0  # amplitude over noise of an oscillation found somewhere after a long contact
 GOOD_FIT = 0.9  # R² without noise below which a span that fails the tests is no free vibration
 MOST_DAMPING = 0.3  # beyond it a vibration is too short to differ from a contact's end
-MOST_STARTS = 48
+MOST_STARTS = 32
 SIGNIFICANT = 1e-4
+NOTHING = 'no oscillation stands out of the noise after the last contact'
 LEAST_BINS = 8  # of the spectrum, to know the noise's level from
 
 
@@ -80,9 +81,9 @@ def choose_span(
         first = _index(earliest, sample_rate, record.size)
     record = record[:stop]
     trial = _try(record, first)
-    if not trial.passes:
+    if not trial.passes and trial.reason != NOTHING:
         trial = _search(record, first, trial)
-    if not trial.passes and earliest is not None:
+    if not trial.passes and earliest is not None and trial.reason != NOTHING:
         trimmed = _try(record, first, trim=True)
         if trimmed.passes or trial.solution is None:
             trial = trimmed
@@ -221,7 +222,7 @@ def _try(record: Array, start: int, *, trim: bool = False) -> _Trial:
         return trial
     if solution.significance() > SIGNIFICANT:
         trial.passes = False
-        trial.reason = 'no oscillation stands out of the noise after the last contact'
+        trial.reason = NOTHING
         return trial
     trial.solution = solution
     return trial

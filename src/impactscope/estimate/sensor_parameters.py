@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from impactscope.errors import ConfigurationError, EstimationError, InputError
 from impactscope.estimate import free_oscillation as model
 from impactscope.estimate.amplitude_dependence import amplitude_dependence
+from impactscope.estimate.averaging import amplitude_factor, average_blocks
 from impactscope.estimate.free_vibration_span import FreeVibration, choose_span
 from impactscope.estimate.spectrum import bandwidth, estimate_from_spectrum
 from impactscope.records import Channel, Estimate, ImpactEvent, Quality, SensorParameters
@@ -73,7 +74,10 @@ def estimate_sensor(
     """
     try:
         row = _force_row(event, settings)
-        values, rate, begin, step = _free_part(event, row, settings)
+        samples, begin, stride = _free_part(event, row, settings)
+        values, factor = average_blocks(samples, event.sample_rate / stride)
+        step = factor * stride
+        rate = event.sample_rate / step
         vibration = choose_span(values, rate, earliest=0.0 if event.contacts else None)
     except (_CannotTell, EstimationError, InputError) as error:
         return SensorParameters(
@@ -94,6 +98,8 @@ def estimate_sensor(
     reason = _doubt(event.channels[row], span, vibration, natural, zeta, settings)
     if not reason and terms is None:
         reason = 'the vibration is not that of a linear sensor, and too short to see why'
+    span_samples = samples[vibration.start * factor : vibration.stop * factor]
+    amplitude, r_squared, rmse = _at_full_rate(fit, span_samples, factor)
     result = SensorParameters(
         event.event_id,
         event.stamp_ns,
@@ -102,14 +108,14 @@ def estimate_sensor(
         method=METHOD,
         channel=event.channels[row].name,
         span_start=(begin + vibration.start * step) / event.sample_rate,
-        span_end=(begin + (vibration.stop - 1) * step) / event.sample_rate,
+        span_end=(begin + vibration.stop * step - stride) / event.sample_rate,
         natural_frequency=natural,
         damped_frequency=_widened(fit.damped_frequency, frequency_term),
         damping_ratio=zeta,
-        amplitude=fit.amplitude,
+        amplitude=amplitude,
         offset=fit.offset,
-        r_squared=fit.r_squared,
-        rmse=fit.rmse,
+        r_squared=r_squared,
+        rmse=rmse,
     )
     try:
         spectrum = estimate_from_spectrum(span, rate)
@@ -157,10 +163,8 @@ def _force_row(event: ImpactEvent, settings: FitterSettings) -> int:
     return row
 
 
-def _free_part(
-    event: ImpactEvent, row: int, settings: FitterSettings
-) -> tuple[Array, float, int, int]:
-    """Samples after the last contact at the channel's own rate; rate, first index, stride."""
+def _free_part(event: ImpactEvent, row: int, settings: FitterSettings) -> tuple[Array, int, int]:
+    """Samples after the last contact at the channel's own rate; first index, stride."""
     grid = event.sample_rate
     if not (math.isfinite(grid) and grid > 0):
         raise _CannotTell(f'the sample rate is {grid!r} Hz')
@@ -187,7 +191,25 @@ def _free_part(
             f'channel {channel.name!r} is clipped after the last contact '
             f'(range {channel.range_min:g} to {channel.range_max:g} {channel.unit})'
         )
-    return values, grid / step, begin, step
+    return values, begin, step
+
+
+def _at_full_rate(
+    fit: model.FreeOscillationFit, samples: Array, factor: int
+) -> tuple[Estimate, float, float]:
+    """Amplitude, R² and RMSE over the channel's own samples, where block means were fitted."""
+    if factor == 1:
+        return fit.amplitude, fit.r_squared, fit.rmse
+    rate = fit.sample_rate * factor
+    shrunk = amplitude_factor(factor, fit.decay_rate.value, fit.damped_frequency.value, rate)
+    amplitude = Estimate(fit.amplitude.value / shrunk, fit.amplitude.std / shrunk)
+    # A block's mean stands for its middle, but for what it smooths away.
+    middle = 0.5 * (factor - 1) / rate
+    smoothed = shrunk * math.exp(fit.decay_rate.value * middle)
+    wave = fit.evaluate(np.arange(samples.size) / rate - middle) - fit.offset.value
+    residual = samples - wave / smoothed - fit.offset.value
+    power = float(np.mean(residual**2))
+    return amplitude, 1.0 - power / float(np.var(samples)), math.sqrt(power)
 
 
 def _amplitude_term(
