@@ -218,6 +218,20 @@ def test_cold_start():
     assert event.noise_std[0] == pytest.approx(0.02, rel=0.1)
 
 
+def test_a_channel_still_ringing_at_the_end_of_the_stream_is_torn_by_itself():
+    t = time_axis(1.0, 25600.0)
+    force = pulse(t - 0.0007, 0.0004, 80) + noise(t.size, 0.02)
+    answer = 300 * np.exp(-7 * t) * np.sin(2 * np.pi * 900 * t) * (t > 0.0007)
+    channels = (Channel('force.hammer', 'N'), Channel('acceleration.structure', 'm/s^2'))
+    values = np.stack([force, answer + noise(t.size, 0.01, 1)])
+    (event,) = detect(values, rate=25600.0, channels=channels)
+    assert event.quality is Quality.COLD_START
+    assert event.channels[1].quality is Quality.TORN
+    assert event.values.shape[1] == t.size
+    assert math.isnan(event.noise_std[1])
+    assert event.event_end < 0.1
+
+
 def test_a_stream_that_begins_inside_a_blow_is_torn():
     t = time_axis(1.5)
     force = pulse(t + 0.006, 0.012, 80) + ring_down(t - 0.006, 60) + noise(t.size, 0.3)

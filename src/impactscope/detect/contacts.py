@@ -32,6 +32,8 @@ BINS = 150  # in a period of the plate: finer than that it does not move
 DOUBT = 0.12  # share of a ring-down that its model may miss without it being a contact
 # Periods of the plate after the rise that a contact is fitted over: the longest that fits.
 SPANS = (3.0, 1.0, 0.6, 0.4)
+RIVAL = 0.6  # periods; a fit over less does not rival one over more
+EVIDENCE = 16.0  # noise variances that the better fit of the earlier part must gain
 RISE = 0.5  # periods of the rise of a long contact, for its start alone
 
 
@@ -203,20 +205,36 @@ def _fit(
     """The contact that makes the reading rise, over the longest stretch that one explains."""
     period = plate.period * rules.rate
     low = max(math.ceil(begin), round(rise - 0.7 * period), 0)
+    best: PulseFit | None = None
     for periods in SPANS:
         high = round(rise + periods * period)
         if high > residual.size and periods != SPANS[0]:
             continue
         part = residual[low : min(high, residual.size)]
+        if best is not None and periods < RIVAL:
+            break
         fit = fit_pulse(part, rules.rate, plate, (rise - low) / rules.rate, rules.noise)
         # Unless some of the motion after it was seen, where the contact ends is a guess.
-        seen = (min(high, residual.size) - low) / rules.rate - 0.1 * plate.period
+        seen = part.size / rules.rate - 0.1 * plate.period
         if fit is None or fit.start + fit.duration > seen:
             continue
         peak = float(np.abs(part).max())
-        if fit.rms < 1.3 * max(fit.noise, rules.smoothed_noise / 2) + 0.006 * peak:
-            return fit.moved(low / rules.rate)
-    return None
+        if fit.rms >= 1.3 * max(fit.noise, rules.smoothed_noise / 2) + 0.006 * peak:
+            continue
+        if best is None:
+            best = fit
+        elif fit.duration < 0.8 * best.duration:
+            # Two contacts passed for one if the earlier part by itself says so.
+            excess = _squares(part, best, rules, plate) - _squares(part, fit, rules, plate)
+            if excess > EVIDENCE * rules.noise**2:
+                best = fit
+    return None if best is None else best.moved(low / rules.rate)
+
+
+def _squares(
+    part: NDArray[np.float64], fit: PulseFit, rules: ContactRules, plate: PlateModel
+) -> float:
+    return float(np.sum((part - fit.response(part.size, rules.rate, plate)) ** 2))
 
 
 def _unfitted(

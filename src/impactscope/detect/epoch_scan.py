@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 import math
 from collections import Counter, deque
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,7 +118,11 @@ class EpochScan:
         if self._state is _State.WATCHING:
             self._scan_rest()
         if self._state is _State.FOLLOWING:
-            events.append(self._close(self._history.stop, Quality.TORN, rest_from=None))
+            # Where only another channel still rings, it alone is torn.
+            rest = self._rested
+            quality = Quality.TORN if rest is None else Quality.NONE
+            torn = self._restless(self._position - self._rest_hops * self._width) if rest else []
+            events.append(self._close(self._history.stop, quality, rest_from=rest, torn=torn))
         return events
 
     def append(self, record: SyncedBlock) -> list[ImpactEvent]:
@@ -213,7 +218,7 @@ class EpochScan:
         if hops >= self._learn_hops:
             start = self._position - self._learn_hops * self._width
             stretch = self._history.view(start, self._position)
-            samples = stretch[self._layout.row, :: self._layout.stride].astype(np.float64)
+            samples = self._native(start, self._position)
             powers = quiet_powers(
                 samples, self._layout.scales, self._layout.hop, self.settings.threshold
             )
@@ -231,18 +236,47 @@ class EpochScan:
 
     def _others_stationary(self, stretch: NDArray[np.float32]) -> bool:
         """Whether the channels beside the trigger are neither ringing down nor being struck."""
-        half = stretch.shape[1] // 2
+        return not self._changing(stretch)
+
+    def _changing(self, stretch: NDArray[np.float32]) -> list[int]:
+        """Rows beside the trigger whose power is not the same in the stretch's two halves."""
+        half = stretch.shape[1] // (2 * self._width) * self._width
+        if half == 0:
+            return []
         before = hop_variances(stretch[:, :half], self._width)
-        after = hop_variances(stretch[:, half:], self._width)
-        return all(
-            alike(a, b, REST_POWER) or not math.isfinite(a + b)
-            for a, b in zip(before, after, strict=True)
-        )
+        after = hop_variances(stretch[:, -half:], self._width)
+        return [
+            row
+            for row, (a, b) in enumerate(zip(before, after, strict=True))
+            if row != self._layout.row and math.isfinite(a + b) and not alike(a, b, REST_POWER)
+        ]
+
+    def _native(self, start: int, stop: int) -> NDArray[np.float64]:
+        """The trigger channel's own samples between two grid indices."""
+        row = self._history.view(start, stop)[self._layout.row, :: self._layout.stride]
+        return row.astype(np.float64)
 
     def _learn_from_what_there_is(self) -> None:
         """The stream ended before it was quiet: take its quietest part for the noise floor."""
         row = self._history.values[self._layout.row]
         hops = (self._history.stop - self._learn_from) // self._width
+        # Perhaps only another channel was not quiet, or the very end was not: the noise is then
+        # the mean over all quiet stretches.
+        quiet = []
+        for end in range(hops, self._learn_hops - 1, -(self._learn_hops // 2)):
+            stop = self._learn_from + end * self._width
+            start = stop - self._learn_hops * self._width
+            powers = quiet_powers(
+                self._native(start, stop),
+                self._layout.scales,
+                self._layout.hop,
+                self.settings.threshold,
+            )
+            if powers is not None:
+                quiet.append((start, stop, powers))
+        if quiet:
+            self._settle(*quiet[0][:2], np.mean([powers for _, _, powers in quiet], axis=0))
+            return
         best, least = -1, math.inf
         for h in range(hops):
             column = self._history.column(self._learn_from + h * self._width)
@@ -251,15 +285,14 @@ class EpochScan:
                 best, least = h, spread
         if best >= 0:
             start = self._learn_from + best * self._width
-            samples = self._history.view(start, start + self._width)
-            native = samples[self._layout.row, :: self._layout.stride].astype(np.float64)
+            native = self._native(start, start + self._width)
             powers = plain_powers(native, self._layout.scales, self.settings.threshold)
             self._settle(start, start + self._width, powers)
 
     def _settle(self, start: int, stop: int, powers: NDArray[np.float64]) -> None:
         """The stretch from start to stop is quiet: the noise floor is known, look for blows."""
         stretch = self._history.view(start, stop)
-        samples = stretch[self._layout.row, :: self._layout.stride].astype(np.float64)
+        samples = self._native(start, stop)
         scale = float(np.abs(samples).max())
         self._floor.least = max(1e-6 * scale, quantum(samples) / 4, 1e-12)
         self._floor.settle(
@@ -270,6 +303,8 @@ class EpochScan:
             powers,
             self.settings.threshold,
         )
+        for changing in self._changing(stretch):
+            self._floor.forget(changing + 1 if changing < self._layout.row else changing)
         self._state = _State.WATCHING
         if self._cold:
             # What came before the quiet was not looked at yet.
@@ -348,6 +383,7 @@ class EpochScan:
         self._swings: list[float] = []  # their largest deviations from the zero level
         self._contacts: tuple[Contact, ...] = ()  # once the signal is quiet
         self._prepared_pressed = False
+        self._rested: int | None = None  # from which the trigger channel is at rest
         self._last_contact = self._position  # by what is known while the blow is followed
         self._state = _State.FOLLOWING
 
@@ -379,16 +415,20 @@ class EpochScan:
         pressed = opening.in_newtons and len(self._levels) >= hold and level > force
         if pressed or self._has_grown():
             self._last_contact = self._position
-        held = profile.longest_hold * layout.grid_rate
+        held = profile.longest_hold * layout.grid_rate + self._width
         if pressed and self._position - opening.trigger >= held:
             return [self._close(self._position, Quality.HELD, rest_from=self._rest_start())]
         rest = self._rest_start()
         self._prepare(pressed=pressed)
+        if pressed or self._has_grown():
+            self._rested = None
         if rest is not None and not pressed:
-            return [self._close(self._position, Quality.NONE, rest_from=rest)]
+            self._rested = rest if self._rested is None else self._rested
+            if not self._restless(rest):
+                return [self._close(self._position, Quality.NONE, rest_from=rest)]
         longest = profile.longest_ring_down * layout.grid_rate
         if not pressed and self._position - self._last_contact >= longest:
-            return [self._close(self._position, Quality.NONE, rest_from=None)]
+            return [self._close(self._position, Quality.NONE, rest_from=self._rested)]
         return []
 
     def _prepare(self, *, pressed: bool) -> None:
@@ -409,7 +449,7 @@ class EpochScan:
 
     def _has_grown(self) -> bool:
         """Whether the newest swing is larger than all in the hops before it: new momentum."""
-        recent = self._swings[-1 - self._rest_hops : -1]
+        recent = [s for s in self._swings[-1 - self._rest_hops : -1] if math.isfinite(s)]
         if not recent:
             return True
         noise = self.settings.release * float(self._opening.sigma[1])
@@ -420,7 +460,9 @@ class EpochScan:
         horizon = self.settings.bounce_horizon * self._layout.grid_rate
         if self._position - self._last_contact < horizon:
             return False
-        recent = self._swings[-self._rest_hops :]
+        recent = [s for s in self._swings[-self._rest_hops :] if math.isfinite(s)]
+        if not recent:
+            return False
         noise = self.settings.threshold * float(self._opening.sigma[1])
         return push > 1.1 * max(recent) + noise
 
@@ -443,20 +485,20 @@ class EpochScan:
             powers,
         )
         calm = bool((powers <= REST_POWER * opening.sigma**2).all())
-        if not calm or not largest <= self.settings.release:
-            return None
-        return start if self._others_rest(start) else None
+        return start if calm and largest <= self.settings.release else None
 
-    def _others_rest(self, start: int) -> bool:
-        """Whether the channels beside the trigger are back at their noise, where it is known."""
+    def _restless(self, start: int) -> list[int]:
+        """Rows beside the trigger that are not back at their noise; all where it is not known."""
         if len(self._layout.channels) == 1:
-            return True
-        row = self._layout.row
+            return []
         variances = hop_variances(self._history.view(start, self._position), self._width)
-        others = np.concatenate((variances[:row], variances[row + 1 :]))
-        known = self._opening.noise[1:] ** 2
-        # NaN, a channel without data, has nothing to wait for.
-        return not bool((others > REST_POWER * known).any())
+        others = [c for c in range(variances.size) if c != self._layout.row]
+        return [
+            c
+            for c, noise in zip(others, self._opening.noise[1:], strict=True)
+            # A channel without data, whose variance is NaN, has nothing to wait for.
+            if math.isfinite(variances[c]) and not variances[c] <= REST_POWER * noise**2
+        ]
 
     def _reading(self, stop: int) -> tuple[int, NDArray[np.float64]]:
         """The open event's reading up to ``stop`` and the grid index that it begins at."""
@@ -485,8 +527,13 @@ class EpochScan:
             None if rest_from is None else (rest_from - start) // stride,
         )
 
-    def _close(self, stop: int, quality: Quality, rest_from: int | None) -> ImpactEvent:
-        """Cut the event out; watch on from ``stop`` with the level that it came to rest at."""
+    def _close(
+        self, stop: int, quality: Quality, rest_from: int | None, torn: Sequence[int] = ()
+    ) -> ImpactEvent:
+        """Cut the event out; watch on from ``stop`` with the level that it came to rest at.
+
+        ``torn`` are rows that the stream's end cut off while they were not at rest.
+        """
         stop = min(stop, self._history.stop)
         if any(self._opening.trigger - self._retained <= j < stop for j in self._jumps):
             quality |= Quality.CLOCK_JUMP
@@ -507,6 +554,7 @@ class EpochScan:
             stop=stop,
             quality=quality,
             rest_from=rest_from,
+            torn=torn,
         )
         if rest_from is not None:
             stretch = self._history.view(stop - self._rest_hops * self._width, stop)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -155,6 +156,7 @@ def build_event(
     stop: int,
     quality: Quality,
     rest_from: int | None,
+    torn: Sequence[int] = (),
 ) -> ImpactEvent:
     """Cut the event out of the history.
 
@@ -172,6 +174,7 @@ def build_event(
         stop: grid index one beyond the window.
         quality: flags of how the event ended.
         rest_from: grid index from which the signal is at rest; None where it never was.
+        torn: rows beside the trigger that the stream's end cut off in their ring-down.
     """
     rate = layout.grid_rate
     native = rate / layout.stride
@@ -183,11 +186,12 @@ def build_event(
     if rest_from is not None:
         rest = float(np.mean(reading[(rest_from - start) // layout.stride :]))
     end = contacts[-1].end
+    last = (stop - 1 - start) / rate
     if Quality.HELD in quality:
-        end = min(onset + profile.longest_hold, (stop - start) / rate)
+        end = min(onset + profile.longest_hold, last)
         contacts = (*contacts[:-1], replace(contacts[-1], end=end))
     elif Quality.TORN in quality and reading[-1] > threshold:
-        end = (stop - start) / rate
+        end = last
 
     lead = math.ceil((profile.pre_trigger - onset) * native - 1e-6)
     first = start - min(lead, (start - earliest) // layout.stride) * layout.stride
@@ -196,7 +200,14 @@ def build_event(
     values = np.ascontiguousarray(history.view(first, stop)[order])
     values.flags.writeable = False
     flags = history.flags(first, stop)
-    channels = tuple(_judged(layout.channels[c], flags[c], values[k]) for k, c in enumerate(order))
+    channels = tuple(
+        _judged(
+            layout.channels[c],
+            flags[c] | (Quality.TORN if c in torn else Quality.NONE),
+            values[k],
+        )
+        for k, c in enumerate(order)
+    )
     event_end = rest_from if rest_from is not None and Quality.HELD not in quality else stop
     window_start_ns = history.stamp(first)
     return ImpactEvent(

@@ -85,6 +85,11 @@ class NoiseFloor:
         variance[unknown] = math.nan
         return mean, np.sqrt(variance)
 
+    def forget(self, column: int) -> None:
+        """The stretch settled on says nothing of a channel; columns as in ``means``."""
+        self.means[:, column] = math.nan
+        self.variances[:, column] = math.nan
+
     def settle(
         self,
         values: NDArray[np.float32],
@@ -112,10 +117,11 @@ class NoiseFloor:
         kept = self.sigma**2 if powers is None else powers
         rows = np.arange(hops) % self.numbers.size
         self.numbers[rows] = last_number - hops + 1 + np.arange(hops)
-        self.means[rows] = blocks.mean(axis=2).T
-        self.variances[rows] = blocks.var(axis=2).T
-        self.means[rows, 0] = blocks[0, :, ::stride].mean(axis=1)
-        self.variances[rows, 0] = blocks[0, :, ::stride].var(axis=1)
+        with np.errstate(invalid='ignore'):  # an infinite sample gives NaN
+            self.means[rows] = blocks.mean(axis=2).T
+            self.variances[rows] = blocks.var(axis=2).T
+            self.means[rows, 0] = blocks[0, :, ::stride].mean(axis=1)
+            self.variances[rows, 0] = blocks[0, :, ::stride].var(axis=1)
         self.powers[rows] = kept
         if powers is not None:  # Gaussian until more is known
             self.peaks[:] = 3 * np.sqrt(powers[1:])
@@ -176,7 +182,8 @@ def hop_variances(values: NDArray[np.float32], width: int) -> NDArray[np.float64
     Slow motion, such as gravity's component on a swinging impactor, does not count.
     """
     blocks = values.astype(np.float64).reshape(values.shape[0], -1, width)
-    variances: NDArray[np.float64] = blocks.var(axis=2).mean(axis=1)
+    with np.errstate(invalid='ignore'):  # an infinite sample gives NaN
+        variances: NDArray[np.float64] = blocks.var(axis=2).mean(axis=1)
     return variances
 
 
