@@ -206,9 +206,10 @@ def test_figures_of_an_angle_stand_beside_the_reason():
     assert result.natural_frequency.value == pytest.approx(FREQUENCY, rel=0.01)
 
 
-def test_dry_friction_is_no_confident_wrong_number():
-    """Exact decay of a plate with 1 N of Coulomb friction, let go at 60 N."""
-    damping, friction, rate = 0.07, 1.0, 1000.0
+@pytest.mark.parametrize('friction', [0.3, 1.0, 4.0])
+def test_dry_friction_is_no_confident_wrong_number(friction):
+    """Exact decay of a plate with Coulomb friction in N in its guide, let go at 60 N."""
+    damping, rate = 0.07, 1000.0
     wd = WN * math.sqrt(1 - damping**2)
     half = math.pi / wd
     time = np.arange(1200) / rate
@@ -231,9 +232,14 @@ def test_dry_friction_is_no_confident_wrong_number():
             contact_end=0.1,
         )
         result = estimate_sensor(event)
-        assert result.r_squared > 0.98
-        assert result.damping_ratio.value > 0.09
-        assert result.damping_ratio.value - damping < 2 * result.damping_ratio.std
+        assert result.r_squared > 0.95
+        assert result.damping_ratio.value > 1.1 * damping
+        if friction > 3:  # over in two swings: nothing shows how the damping varies
+            assert not result.valid
+            assert math.isnan(result.damping_ratio.std)
+            assert 'linear' in result.reason
+        else:
+            assert result.damping_ratio.value - damping < 2 * result.damping_ratio.std
 
 
 def test_overlapping_event_uses_nothing_of_the_next():

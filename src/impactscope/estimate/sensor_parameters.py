@@ -90,14 +90,12 @@ def estimate_sensor(
         )
     span = values[vibration.start : vibration.stop]
     terms = _amplitude_term(span, rate, vibration)
-    frequency_term, damping_term = terms or (0.0, 0.0)
+    frequency_term, damping_term = terms or (math.nan, math.nan)
     fit = vibration.fit
     natural = _widened(fit.natural_frequency, frequency_term)
     zeta = _widened(fit.damping_ratio, damping_term)
     covariance = float(fit.covariance[0, 1])
     reason = _doubt(event.channels[row], span, vibration, natural, zeta, settings)
-    if not reason and terms is None:
-        reason = 'the vibration is not that of a linear sensor, and too short to see why'
     span_samples = samples[vibration.start * factor : vibration.stop * factor]
     amplitude, r_squared, rmse = _at_full_rate(fit, span_samples, factor)
     result = SensorParameters(
@@ -261,6 +259,8 @@ def _doubt(
             f'several modes: beside {fit.damped_frequency.value:.4g} Hz there is one of '
             f'{second[0]:.4g} Hz with {second[1] / fit.amplitude.value:.0%} of its amplitude'
         )
+    if math.isnan(zeta.std):
+        return 'the vibration is not that of a linear sensor, and too short to see why'
     if zeta.value < -3.0 * zeta.std:
         return f'the oscillation grows (damping ratio {zeta.value:.3g}): it is driven, not free'
     if not zeta.std <= settings.largest_std * max(abs(zeta.value), 1e-3):
