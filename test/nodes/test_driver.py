@@ -98,13 +98,13 @@ def test_a_manager_can_lead_it_through_its_states():
 
 def test_a_wrong_option_fails_to_configure_and_says_why():
     with ros():
-        with pytest.raises(ConfigurationError, match='replay.bag is empty'):
+        with pytest.raises(ConfigurationError, match=r'replay\.bag is empty'):
             ForceDriver(**options(source='replay'))
         with pytest.raises(ConfigurationError, match="source 'oracle'; known are simulated"):
             ForceDriver(**options(source='oracle'))
         with pytest.raises(ConfigurationError, match='unknown parameter sorce'):
             ForceDriver(**options(sorce='replay'))
-        with pytest.raises(ConfigurationError, match='retry_time is -1.0'):
+        with pytest.raises(ConfigurationError, match=r'retry_time is -1\.0'):
             ForceDriver(**options(retry_time=-1.0))
         with pytest.raises(ConfigurationError, match='decimal point'):
             ForceDriver(**options(retry_time=1))

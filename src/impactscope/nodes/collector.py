@@ -43,6 +43,7 @@ class Collector(StageNode):
         self.test_points: dict[str, ComplianceVerdict] = {}
         self._on_result = on_result
         self._on_test_point = on_test_point
+        self.on_verdict: Callable[[ComplianceVerdict], None] | None = None
         self._parts: dict[int, dict[type, Any]] = {}
         for kind, topic, profile in (
             (msg.ImpactEvent, 'events', qos.EVENTS),

@@ -10,7 +10,8 @@ from types import TracebackType
 from typing import Any, Protocol
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -36,7 +37,7 @@ class Spinner:
 
     def __init__(self, nodes: Sequence[Node]) -> None:
         self._nodes = list(nodes)
-        self._executor = SingleThreadedExecutor()
+        self._executor = EventsExecutor()
         for node in self._nodes:
             self._executor.add_node(node)
         self._stop = Future()

@@ -9,7 +9,7 @@ acceleration.impactor``.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from geometry_msgs.msg import AccelStamped, WrenchStamped
@@ -24,6 +24,7 @@ from impactscope.nodes.warm_up import warm_up_synchroniser
 from impactscope.records import SampleBlock, SyncedBlock
 from impactscope.synchronise import (
     ChannelMirror,
+    ChannelStatistics,
     SampleAssembler,
     Synchroniser,
     SynchroniserSettings,
@@ -156,6 +157,11 @@ class SynchroniserNode(StageNode):
             if counts.lost_samples or counts.late or counts.refused:
                 warnings.append(name)
         return (f'lost, late or refused data in {", ".join(warnings)}' if warnings else ''), values
+
+    @property
+    def statistics(self) -> Mapping[str, ChannelStatistics]:
+        """Counts for each channel."""
+        return self._stage.statistics
 
     def notes(self) -> list[str]:
         """What a reader must know of the data's quality, in sentences."""
