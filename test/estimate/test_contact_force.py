@@ -116,16 +116,33 @@ def test_inversion_beats_the_reading_where_the_sensor_lies_most():
     assert found.reading_error.value == pytest.approx(0.60, abs=0.04)
 
 
-def test_inversion_with_the_wrong_sensor_widens_its_band():
+@pytest.mark.parametrize('ratio', [0.85, 0.9, 1.1])
+def test_inversion_with_the_wrong_sensor_widens_its_band_or_refuses(ratio):
     _, _, reading, _ = half_sine(25e-3, 5e3, after=0.2)
     noisy = reading + np.random.default_rng(0).normal(0, FORCE_NOISE, reading.size)
     arguments = {'force_noise': FORCE_NOISE, 'spans': ((0.098, 0.127),)}
     right = contact_force_by_inversion(noisy, 5e3, **arguments, **MODAL)
-    off = Estimate(0.9 * SENSOR.natural_frequency, 0.0)
-    wrong = contact_force_by_inversion(
-        noisy, 5e3, natural_frequency=off, damping_ratio=MODAL['damping_ratio'], **arguments
-    )
+    off = Estimate(ratio * SENSOR.natural_frequency, 0.0)
+    try:
+        wrong = contact_force_by_inversion(
+            noisy, 5e3, natural_frequency=off, damping_ratio=MODAL['damping_ratio'], **arguments
+        )
+    except EstimationError:
+        return
     assert wrong.peak.value.std > 5 * right.peak.value.std
+    assert abs(wrong.peak.value.value - PEAK) < 3 * wrong.peak.value.std
+
+
+@pytest.mark.parametrize('contact', [3e-4, 6e-4, 1e-3])
+def test_a_blow_too_short_to_resolve_gets_no_number(contact):
+    rng = np.random.default_rng(0)
+    for seed in range(5):
+        _, _, reading, _ = half_sine(contact, 10e3, seed, after=0.05)
+        noisy = 12 * reading + rng.normal(0, FORCE_NOISE, reading.size)
+        with pytest.raises(EstimationError, match='too short'):
+            contact_force_by_inversion(
+                noisy, 10e3, force_noise=FORCE_NOISE, spans=((0.097, 0.115),), **MODAL
+            )
 
 
 def test_two_contacts_are_two_forces():

@@ -22,7 +22,9 @@ __all__ = ['Blow', 'SensorConstants', 'Signal', 'share', 'signal_of']
 
 Array = NDArray[np.float64]
 
-_LARGEST_LEFTOVER = 0.5  # of the ring-down's reading, as contact force where nothing touches
+_LARGEST_LEFTOVER = 0.5  # of what the opposite sign of acceleration leaves, after contact
+_LARGEST_LOADED = 0.95  # the same where the impactor stays on the plate and swings with it
+_LARGEST_DOUBT = 0.3  # relative uncertainty of an inverted peak that is no answer any more
 _CLEAR = 5.0  # noise standard deviations
 
 
@@ -149,22 +151,24 @@ class Blow:
     def contact_force(
         self, plate_channel: str, acceleration_uncertainty: float
     ) -> ContactForce | None:
-        """The contact force over the grid; None where sensor or samples do not allow it.
+        """The contact force over the grid; None where sensor or samples do not tell it.
 
         By the plate's accelerometer where there is one that can be believed, else by inversion.
         """
         if not self.sensor.known:
             return None
-        plate = self.event.index_of(plate_channel)
+        plate, least = self.event.index_of(plate_channel), 0.0
         if plate is not None and self.sensor.stiffness.value > 0:
             channel = self.event.channels[plate]
+            signal = signal_of(self.event, plate)
             if channel.unit == 'm/s^2' and not channel.quality & Quality.CLIPPED:
-                found = self._by_accelerometer(
-                    signal_of(self.event, plate), acceleration_uncertainty
-                )
-                if found is not None and self._vanishes_without_contact(found):
+                found = self._by_accelerometer(signal, acceleration_uncertainty)
+                if found is not None and self._agrees_after_contact(found):
                     return found
-        return self._by_inversion()
+            elif channel.unit == 'm/s^2' and np.isfinite(signal.values).any():
+                # Clipped: the force was more than it took to drive the plate to the range's end.
+                least = self.sensor.mass.value * float(np.nanmax(signal.values))
+        return self._by_inversion(least)
 
     def _by_accelerometer(self, plate: Signal, uncertainty: float) -> ContactForce | None:
         try:
@@ -184,28 +188,40 @@ class Blow:
         except InputError:  # missing samples
             return None
 
-    def _vanishes_without_contact(self, found: ContactForce) -> bool:
-        """Whether nothing is left where nothing touches the plate.
+    def _agrees_after_contact(self, found: ContactForce) -> bool:
+        """Whether plate and reading move as spring and mass do once the first contact is over.
 
-        If much is, the accelerometer's sign, unit or timing is not what it is taken for.
+        Where nothing touches the plate m a cancels the reading; with an impactor on it, it still
+        takes away from it. If the opposite sign would do nearly as well, the accelerometer's
+        sign, unit or timing is not what it is taken for.
         """
-        event, period = self.event, 1 / self.sensor.natural_frequency.value
-        lo, hi = self.samples(event.contact_end + 0.1 * period, event.event_end)
-        if event.quality & Quality.HELD or hi - lo < 0.5 * period * self.rate:
+        event = self.event
+        lo, hi = self.samples(event.contacts[0].end, event.event_end)
+        reading = self.reading.values[lo:hi]
+        if hi - lo < 0.5 * self.rate / self.sensor.natural_frequency.value:
             return True
-        swing = float(np.std(self.reading.values[lo:hi]))
+        if float(np.std(reading)) < _CLEAR * self.reading.noise:
+            return True
         left = float(np.std(found.force[lo:hi]))
-        return swing < _CLEAR * self.reading.noise or left < _LARGEST_LEFTOVER * swing
+        opposite = float(np.std(2 * reading - found.force[lo:hi]))
+        loaded = event.quality & Quality.HELD or abs(event.rest_level) > 3 * self.reading.noise
+        return left < (_LARGEST_LOADED if loaded else _LARGEST_LEFTOVER) * opposite
 
-    def _by_inversion(self) -> ContactForce | None:
+    def _by_inversion(self, least: float) -> ContactForce | None:
+        """Up to the end of the largest contact; None where its peak is not above ``least``."""
         event = self.event
         step = event.oversampling if self.row == 0 else 1
         rate, period = self.rate / step, 1 / self.sensor.natural_frequency.value
         margin = 0.1 * period  # a reading starts slowly: contact began before it was seen
+        largest = max(range(len(event.contacts)), key=lambda i: event.contacts[i].peak_force)
+        contacts = event.contacts[: largest + 1]
+        after = contacts[-1].end + period
+        if largest + 1 < len(event.contacts):
+            after = min(after, event.contacts[largest + 1].start - margin)
         lo, _ = self.samples(event.contact_start - 2 * margin, event.contact_start)
-        _, hi = self.samples(event.contact_start, event.contact_end + 2 * period)
+        _, hi = self.samples(event.contact_start, max(after, contacts[-1].end + 1 / rate))
         offset = lo / self.rate
-        spans = tuple((c.start - margin - offset, c.end + margin - offset) for c in event.contacts)
+        spans = tuple((c.start - margin - offset, c.end + margin - offset) for c in contacts)
         try:
             part = contact_force_by_inversion(
                 self.reading.values[lo:hi:step],
@@ -217,12 +233,14 @@ class Blow:
             )
         except (EstimationError, InputError):
             return None
+        value, time = part.peak.value, part.peak.time
+        if not (value.std < _LARGEST_DOUBT * value.value and value.value + 2 * value.std > least):
+            return None
         grid = np.arange(self.reading.values.size) / self.rate
         own = offset + np.arange(part.force.size) / rate
-        value, time = part.peak.value, part.peak.time
         return dataclasses.replace(
             part,
-            force=np.interp(grid, own, part.force, left=0.0, right=0.0),
-            std=np.interp(grid, own, part.std),
+            force=np.interp(grid, own, part.force, left=0.0, right=math.nan),
+            std=np.interp(grid, own, part.std, right=math.nan),
             peak=Peak(value, Estimate(time.value + offset, time.std)),
         )

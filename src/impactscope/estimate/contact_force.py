@@ -13,13 +13,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from scipy.fft import next_fast_len  # type: ignore[import-untyped]
-from scipy.linalg import expm  # type: ignore[import-untyped]
-from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
+from scipy.fft import next_fast_len
+from scipy.optimize import minimize_scalar
 
 from impactscope.errors import EstimationError, InputError
+from impactscope.estimate.contact_smoother import filter_reading, smooth_reading, transition
 from impactscope.records import Estimate
 
 __all__ = [
@@ -36,6 +35,10 @@ Array = NDArray[np.float64]
 _CREST = 0.9  # share of the peak above which samples enter its parabola
 _CREST_BIAS = 1.5e-4  # of the peak: a sine's crest is no parabola
 _FEWEST_CREST_SAMPLES = 7
+_KERNEL = 2.8  # full width at half maximum of the smoother's kernel, in 1/w_c
+_LEAST_RESOLVED = 1.55  # widths of that kernel: a needle comes out 1.4 wide
+_STRETCH = 15  # samples over which surprises are averaged
+_USUAL_SURPRISE = 3.2  # the largest such average in a thousand samples of noise, about
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,19 +70,15 @@ def find_peak(values: ArrayLike, sample_rate: float, noise_std: float) -> Peak:
     y = np.asarray(values, np.float64)
     if y.ndim != 1 or y.size == 0 or not np.isfinite(y).all():
         raise InputError(f'peak: values of shape {y.shape} must be 1-D, finite and not empty')
-    smooth = max(1, y.size // 400)  # the crest's limits, not its height, come from this
-    rough = np.convolve(y, np.ones(smooth) / smooth, mode='same') if smooth > 1 else y
-    top = int(np.argmax(rough))
-    below = rough < _CREST * rough[top] - 2 * noise_std
+    top = int(np.argmax(y))
+    below = y < _CREST * y[top] - 3 * noise_std
     left = int(np.flatnonzero(below[:top])[-1]) + 1 if below[:top].any() else 0
     right = top + int(np.argmax(below[top:])) if below[top:].any() else y.size
     half = min(top - left, right - 1 - top)  # symmetric, lest a steep flank tilts the parabola
     lo, hi = top - half, top + half + 1
-    if hi - lo < _FEWEST_CREST_SAMPLES or rough[top] <= 0:
-        highest = int(np.argmax(y))
+    if hi - lo < _FEWEST_CREST_SAMPLES or y[top] <= 0:
         return Peak(
-            Estimate(float(y[highest]), noise_std),
-            Estimate(highest / sample_rate, 0.5 / sample_rate),
+            Estimate(float(y[top]), noise_std), Estimate(top / sample_rate, 0.5 / sample_rate)
         )
     t = (np.arange(lo, hi) - top) / sample_rate
     scale = t[-1]
@@ -215,7 +214,8 @@ def contact_force_by_inversion(
     is possible in ``spans`` (start and end, s after the first sample; all of the record where
     empty); outside the force is zero, which is what makes the answer firm. The band holds
     noise, what the smoothing may have lost, the sensor's uncertainty and any misfit. Raises
-    EstimationError where the reading is lost in noise, InputError on shapes and values.
+    EstimationError where the reading is lost in noise or the blow too short to be resolved,
+    InputError on shapes and values.
     """
     f = _checked(force, sample_rate)
     w, zeta = 2 * math.pi * natural_frequency.value, damping_ratio.value
@@ -236,7 +236,7 @@ def contact_force_by_inversion(
         touching |= (time >= start) & (time <= end)
     if not touching.any():
         raise InputError(f'contact force: no sample lies in the spans {spans!r} s')
-    step, unit_noise = _transition(w, zeta, 1 / sample_rate)
+    step, unit_noise = transition(w, zeta, 1 / sample_rate)
     size = float(np.abs(f).max())
     duration = max(float(touching.sum()), 4.0) / sample_rate
     unit = size**2 / duration**3
@@ -245,7 +245,7 @@ def contact_force_by_inversion(
 
     def misfit(exponent: float) -> float:
         noise = 10.0**exponent * unit * unit_noise
-        return float(_filter(f, touching, step, noise, force_noise**2, onset)[0])
+        return float(filter_reading(f, touching, step, noise, force_noise**2, onset)[0])
 
     grid = np.arange(-3.0, 8.5, 1.0)
     costs = [misfit(e) for e in grid]
@@ -254,11 +254,22 @@ def contact_force_by_inversion(
         misfit, bounds=(grid[i] - 1, grid[i] + 1), method='bounded', options={'xatol': 0.05}
     )
     noise = 10.0**best.x * unit * unit_noise
-    states, variances = _smooth(f, touching, step, noise, force_noise**2, onset)
-    _, _, _, innovations, spreads = _filter(f, touching, step, noise, force_noise**2, onset)
-    # A sensor that is not the assumed one shows as surprises beyond the noise: widen the band.
-    variances *= max(1.0, float(np.mean(innovations**2 / spreads)))
+    states, variances = smooth_reading(f, touching, step, noise, force_noise**2, onset)
+    _, _, _, innovations, spreads = filter_reading(f, touching, step, noise, force_noise**2, onset)
+    # A sensor that is not the assumed one, or a blow too short for the prior, shows as
+    # surprises beyond the noise, however few: widen the band by the worst stretch of them.
+    surprises = np.convolve(innovations**2 / spreads, np.ones(_STRETCH) / _STRETCH, 'same')
+    variances *= max(1.0, float(surprises.max()) / _USUAL_SURPRISE)
     contact = states[:, 2]
+    # Where wanderings of the force reach the reading no stronger than its noise, the prior rules:
+    # wander/w_c^4 (w/w_c)^4 = noise²/rate. A pulse hardly wider than that is not resolved.
+    wander = 10.0**best.x * unit
+    finest = _KERNEL / (wander * w**4 * sample_rate / force_noise**2) ** 0.125
+    if _half_width(contact) / sample_rate < _LEAST_RESOLVED * finest:
+        raise EstimationError(
+            f'contact force: the blow is too short for a resolution of {1e3 * finest:.2g} ms, '
+            'which is all that the noise allows'
+        )
     # f_i - f_o = f_o''/w² + 2 zeta f_o'/w: how the sensor's uncertainty enters.
     damping = 2 * zeta * states[:, 1]
     inertia = contact - states[:, 0] - damping
@@ -307,125 +318,10 @@ def _known(std: float) -> float:
     return std if math.isfinite(std) else 0.0
 
 
-def _transition(w: float, zeta: float, h: float) -> tuple[Array, Array]:
-    """One sample's step of (reading, its rate over w, contact force, rate of force).
-
-    Returns the transition matrix and the covariance of unit process noise, both (4, 4), after
-    Van Loan 1978: the rate of force is a random walk.
-    """
-    a = np.zeros((4, 4))
-    a[0, 1] = w
-    a[1] = [-w, -2 * zeta * w, w, 0.0]
-    a[2, 3] = 1.0
-    block = np.zeros((8, 8))
-    block[:4, :4], block[4:, 4:] = -a, a.T
-    block[3, 7] = 1.0
-    exponential = expm(block * h)
-    step = exponential[4:, 4:].T
-    return np.ascontiguousarray(step), np.ascontiguousarray(step @ exponential[:4, 4:])
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _predict(
-    x: Array,
-    p: Array,
-    step: Array,
-    noise: Array,
-    touching: bool,
-    begins: bool,
-    onset: float,
-    work: Array,
-) -> None:
-    """Advance mean (4,) and covariance (4, 4) by a sample, in place; ``work`` is (5, 4)."""
-    for i in range(4):
-        work[4, i] = 0.0
-        for j in range(4):
-            work[4, i] += step[i, j] * x[j]
-            total = 0.0
-            for m in range(4):
-                total += step[i, m] * p[m, j]
-            work[i, j] = total
-    for i in range(4):
-        x[i] = work[4, i]
-        for j in range(4):
-            total = noise[i, j] if touching else 0.0
-            for m in range(4):
-                total += work[i, m] * step[j, m]
-            p[i, j] = total
-    if not touching or begins:  # nothing pushes: force and its rate are zero, and known to be
-        for i in range(2, 4):
-            x[i] = 0.0
-            for j in range(4):
-                p[i, j] = 0.0
-                p[j, i] = 0.0
-    if begins:
-        p[3, 3] = onset
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _filter(
-    y: Array, touching: NDArray[np.bool_], step: Array, noise: Array, variance: float, onset: float
-) -> tuple[float, Array, Array, Array, Array]:
-    """Kalman filter: minus log likelihood; predictions (n, 4), (n, 4, 4); innovations (n,) x2."""
-    n = y.size
-    means, covariances = np.empty((n, 4)), np.empty((n, 4, 4))
-    innovations, spreads = np.empty(n), np.empty(n)
-    x, p = np.zeros(4), np.zeros((4, 4))
-    p[0, 0] = p[1, 1] = variance
-    if touching[0]:
-        p[3, 3] = onset
-    cost = 0.0
-    gain, row, work = np.empty(4), np.empty(4), np.empty((5, 4))
-    for k in range(n):
-        if k > 0:
-            begins = touching[k] and not touching[k - 1]
-            _predict(x, p, step, noise, touching[k], begins, onset, work)
-        for i in range(4):
-            means[k, i] = x[i]
-            for j in range(4):
-                covariances[k, i, j] = p[i, j]
-        spread = p[0, 0] + variance
-        innovation = y[k] - x[0]
-        cost += 0.5 * (innovation * innovation / spread + math.log(spread))
-        innovations[k], spreads[k] = innovation, spread
-        for i in range(4):
-            gain[i], row[i] = p[i, 0] / spread, p[0, i]
-        for i in range(4):
-            x[i] += gain[i] * innovation
-            for j in range(4):
-                p[i, j] -= gain[i] * row[j]
-    return cost, means, covariances, innovations, spreads
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _smooth(
-    y: Array, touching: NDArray[np.bool_], step: Array, noise: Array, variance: float, onset: float
-) -> tuple[Array, Array]:
-    """Fixed-interval smoother (modified Bryson-Frazier): states (n, 4), variance of force (n,)."""
-    n = y.size
-    _, means, covariances, innovations, spreads = _filter(
-        y, touching, step, noise, variance, onset
-    )
-    states, variances = np.empty((n, 4)), np.empty(n)
-    adjoint, curvature = np.zeros(4), np.zeros((4, 4))
-    update, transition = np.empty((4, 4)), np.empty((4, 4))
-    for k in range(n - 1, -1, -1):
-        p = covariances[k]
-        for i in range(4):
-            for j in range(4):
-                update[i, j] = 1.0 if i == j else 0.0
-            update[i, 0] -= p[i, 0] / spreads[k]
-        adjoint = update.T @ adjoint
-        curvature = update.T @ curvature @ update
-        adjoint[0] -= innovations[k] / spreads[k]
-        curvature[0, 0] += 1 / spreads[k]
-        states[k] = means[k] - p @ adjoint
-        row = p[2]
-        variances[k] = p[2, 2] - row @ (curvature @ np.ascontiguousarray(row))
-        if k > 0:
-            transition[:] = step
-            if not touching[k] or not touching[k - 1]:
-                transition[2:] = 0.0
-            adjoint = transition.T @ adjoint
-            curvature = transition.T @ curvature @ transition
-    return states, variances
+def _half_width(contact: Array) -> int:
+    """Samples around the peak that exceed half of it."""
+    top = int(np.argmax(contact))
+    low = contact < 0.5 * contact[top]
+    left = int(np.flatnonzero(low[:top])[-1]) + 1 if low[:top].any() else 0
+    right = top + int(np.argmax(low[top:])) if low[top:].any() else contact.size
+    return right - left

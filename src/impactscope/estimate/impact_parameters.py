@@ -110,7 +110,7 @@ def estimate_impact(
         peak_force=peak_force,
         peak_contact_force=peak_contact,
         contact_time=span.duration,
-        impulse=_impulse(blow, span.start, span.end, settings),
+        impulse=_contact_impulse(blow, contact_force, span, settings),
         impact_speed=speed,
         effective_mass=mass,
         transferred_energy=_energy(peak_force, blow.sensor.stiffness),
@@ -225,6 +225,26 @@ def _first_contact(blow: Blow, contact_force: ContactForce | None) -> _Span:
     end = (lo + last + 1) / blow.rate
     start = (lo + max(first - 1, 0)) / blow.rate
     return _Span(start, end, math.hypot(1 / blow.rate, _THRESHOLD / math.pi * (end - start)))
+
+
+def _contact_impulse(
+    blow: Blow, contact_force: ContactForce | None, span: _Span, settings: ImpactSettings
+) -> Estimate:
+    """Impulse of the first contact, N s: of the contact force where it is known by sample."""
+    if contact_force is None or contact_force.method != 'accelerometer':
+        return _impulse(blow, span.start, span.end, settings)
+    total = integrate_span(contact_force.force, blow.rate, span.start, span.end)
+    read = integrate_span(blow.reading.values, blow.rate, span.start, span.end)
+    duration = span.end - span.start
+    # What the plate took beside the spring is known as well as its mass and acceleration.
+    inertia = math.hypot(share(blow.sensor.mass), settings.acceleration_uncertainty)
+    terms = (
+        settings.force_uncertainty * total,
+        inertia * (total - read),
+        float(contact_force.std.min()) * math.sqrt(duration / (2 * blow.reading.bandwidth)),
+        blow.reading.zero_std * duration,
+    )
+    return Estimate(total, math.hypot(*terms))
 
 
 def _impulse(blow: Blow, start: float, end: float, settings: ImpactSettings) -> Estimate:

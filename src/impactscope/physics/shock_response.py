@@ -14,7 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq, minimize_scalar  # type: ignore[import-untyped]
+from scipy.optimize import brentq, minimize_scalar
 
 from impactscope.errors import ConfigurationError
 from impactscope.physics.sensor_model import SensorModel, free_motion
