@@ -114,14 +114,14 @@ def _peak_ratio(zeta: float, ratio: float) -> float:
     i = int(np.argmax(x))
     best = float(x[i])
     if 0 < i < t.size - 1:  # polish: the peak is where the rate passes zero
-        lo, hi = t[i - 1], t[i + 1]
-        if v[i - 1] > 0 > v[i + 1]:
-
-            def rate(s: float) -> float:
-                return float(_half_sine(np.array([s]), ratio, w, zeta)[1][0])
-
-            top = brentq(rate, lo, hi, xtol=1e-14 * max(1.0, ratio))
-            best = max(best, float(_half_sine(np.array([top]), ratio, w, zeta)[0][0]))
+        top = t[i : i + 1]
+        for _ in range(3):
+            xs, vs = _half_sine(top, ratio, w, zeta)
+            best = max(best, float(xs[0]))
+            pull = w * w * (math.sin(math.pi * float(top[0]) / ratio) - xs) - 2 * zeta * w * vs
+            if not pull[0] < 0:
+                break
+            top = np.clip(top - vs / pull, t[i - 1], t[i + 1])
     if v[-1] > 0:  # still rising when the force ends: the peak comes in the free motion
         best = max(best, _free_peak(float(x[-1]), float(v[-1]), w, zeta))
     return best
@@ -246,14 +246,14 @@ def required_sensor(
     """
     _check(shortest_contact)
     if damping_ratio is None:
-        grid = np.linspace(0.3, 1.0, 36)
+        grid = np.linspace(0.2, 1.0, 17)
         needs = np.array([_need(z, tolerance) for z in grid])
         i = int(np.argmin(needs))
         result = minimize_scalar(
             lambda z: _need(z, tolerance),
             bounds=(grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)]),
             method='bounded',
-            options={'xatol': 1e-4},
+            options={'xatol': 1e-3},
         )
         damping_ratio = float(result.x) if result.fun < needs[i] else float(grid[i])
     frequency = shortest_contact_ratio(damping_ratio, tolerance) / shortest_contact
