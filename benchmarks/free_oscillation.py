@@ -111,7 +111,7 @@ def efficiency(rate: float, decibel: float, trials: int, rng: np.random.Generato
                 failures[2] += 1
             else:
                 others.append(other)
-        if k % 20 == 0:
+        if k % 80 == 0:
             failures[3] += fit_curve(t, y, None) is None
     for column, name in enumerate(('frequency', 'damping')):
         print(f'{rate:6.0f} Hz {decibel:3.0f} dB  {name:9s}', end='')
@@ -126,7 +126,7 @@ def efficiency(rate: float, decibel: float, trials: int, rng: np.random.Generato
         error = np.array(others).reshape(-1, 2)[:, column] - truth[column]
         print(f' | {error.std() / limit[column]:5.3f} {error.mean() / error.std():+6.3f}', end='')
         lost = f'{failures[0]}/{trials} {failures[1]}/{trials} {failures[2]}/{-(-trials // 4)}'
-        lost += f' {failures[3]}/{-(-trials // 20)}'
+        lost += f' {failures[3]}/{-(-trials // 80)}'
         print(f' | {lost}')
 
 
