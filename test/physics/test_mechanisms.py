@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import math
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import signal
 
+import impactscope
 from impactscope.errors import ConfigurationError
 from impactscope.physics.mechanisms.hysteresis import yielding_rate
 from impactscope.physics.mechanisms.mechanism import Mechanism, Subsystem
-from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
+from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism, own_places
 from impactscope.physics.mechanisms.stribeck_friction import sliding_friction
+from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.assembly import Effect, implied_effects
 from impactscope.physics.twin.bench import Bench, HammerTap, PendulumBlow
 from impactscope.physics.twin.simulate import simulate
@@ -55,6 +62,27 @@ VOCABULARY = {
 }
 
 
+NEW_EFFECT = """
+from impactscope.physics.mechanisms.compiled import law
+from impactscope.physics.mechanisms.mechanism import Mechanism, Parameter, Subsystem
+
+@law
+def cubic(par, own, compression, speed):
+    return par[own] * speed**3
+
+MECHANISM = Mechanism(
+    name='cubic_damping',
+    subsystem=Subsystem.GUIDE,
+    sentence='Damping grows with the third power of the speed.',
+    equation='c3 v^3',
+    parameters=(Parameter('coefficient', 'N s^3/m^3', 0.0, 1e6, (100.0,), absent=0.0),),
+    source='none',
+    test='ring-down',
+    guide_term=cubic,
+)
+"""
+
+
 def values_for(kind: Mechanism) -> dict[str, float]:
     """A plainly visible strength: the last start value of each parameter, or the first where
     less is more.
@@ -93,7 +121,7 @@ def test_each_is_described_for_people_and_for_a_search(name):
         assert kind.enter is None
         assert kind.distort or kind.retime
     else:
-        assert kind.enter is not None
+        assert kind.enter or kind.guide_term or kind.contact_term
 
 
 @pytest.mark.parametrize('name', [n for n in MECHANICAL if n not in ALWAYS_THERE])
@@ -200,3 +228,45 @@ def test_a_layer_takes_six_branches_and_no_more():
     more = [Effect('rate_dependent_damper', {'stiffness': 1e3, 'damping': 10.0})] * 3
     with pytest.raises(ConfigurationError, match='6 branches'):
         blow_with(*more)
+
+
+def test_own_parameters_stand_apart():
+    places = sorted(own_places().values())
+    assert len(set(places)) == len(places) >= 2
+    assert places[0] >= at.OWN
+    assert places[-1] + at.OWN_WIDTH <= at.N_PARAMETERS
+
+
+def test_adding_an_effect_is_adding_one_file(tmp_path):
+    """A file with a law of its own, in a copy of the package, acts without any other change."""
+    package = Path(impactscope.__file__).parent
+    copy = tmp_path / 'impactscope'
+    shutil.copytree(
+        package / 'physics', copy / 'physics', ignore=shutil.ignore_patterns('__pycache__')
+    )
+    for module in ('__init__', 'errors', 'records'):
+        shutil.copy(package / f'{module}.py', copy)
+    (copy / 'physics/mechanisms/cubic_damping.py').write_text(NEW_EFFECT)
+    code = (
+        'import numpy as np\n'
+        'from impactscope.physics.twin import layout as at\n'
+        'from impactscope.physics.twin.assembly import Effect, assemble\n'
+        'from impactscope.physics.twin.bench import Bench, HammerTap\n'
+        'from impactscope.physics.twin.equations import UNTRACKED, derivative\n'
+        'state, rate = np.zeros(at.N_STATES), np.zeros(at.N_STATES)\n'
+        'state[at.V] = 0.5\n'
+        'for effects in ((), (Effect("cubic_damping", {"coefficient": 2000.0}),)):\n'
+        '    par = assemble(Bench(damper=None), HammerTap(), effects)\n'
+        '    derivative(par, 0.0, state, at.GONE, UNTRACKED, rate)\n'
+        '    print(par[at.PLATE_MASS] * rate[at.V], rate[at.LOST])\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        env={**os.environ, 'PYTHONPATH': str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    plain, more = (np.array(line.split(), float) for line in done.stdout.splitlines())
+    np.testing.assert_allclose(more - plain, [-2000.0 * 0.5**3, 2000.0 * 0.5**4])

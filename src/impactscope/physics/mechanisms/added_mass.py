@@ -9,23 +9,17 @@ __all__ = ['MECHANISM']
 
 
 def _enter(vector: Array, values: Values) -> None:
-    vector[at.ADDED_MASS] = values['mass']
+    vector[at.PLATE_MASS] += values['mass']
 
 
 MECHANISM = Mechanism(
     name='added_mass',
     subsystem=Subsystem.CONTACT,
-    sentence='The struck medium has mass: the impactor takes it along while in contact.',
-    equation="(M + m_a) p'' = ..., with the momentum of the blow shared at first touch",
+    sentence='The struck medium has mass: it moves along with the plate in every blow.',
+    equation="(m + m_a) x'' = ... where an impactor strikes",
     parameters=(Parameter('mass', 'kg', 0.0, 10.0, (0.05, 0.3), absent=0.0),),
-    source=(
-        'von Karman (NACA TN 321, 1929); plastic sharing of momentum, the medium at '
-        'rest before and left behind after'
-    ),
-    test=(
-        'blows with impactors of different mass: the apparent mass in contact exceeds '
-        'that in flight'
-    ),
+    source='added mass of a struck medium; von Karman, NACA TN 321 (1929)',
+    test='taps beside blows: the plate is heavier in the blows',
     enter=_enter,
     needs=frozenset({'impactor'}),
 )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from numba import njit
 
-__all__ = ['compiled', 'law']
+__all__ = ['chained', 'compiled', 'law']
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
 
@@ -43,3 +43,29 @@ def compiled(function: _Function) -> _Function:
 def law(function: _Function) -> _Function:
     """As :func:`compiled`, for a small law: its code becomes part of each caller's."""
     return _compile(function, inlined=True)
+
+
+Term = Callable[[Any, int, float, float], float]
+
+
+@law
+def _nothing(par: Any, displacement: float, speed: float) -> float:  # noqa: ARG001
+    return 0.0
+
+
+def chained(terms: Iterable[tuple[int, Term]]) -> Callable[[Any, float, float], float]:
+    """One compiled function that adds up terms, each with the place of its own parameters."""
+    total: Callable[[Any, float, float], float] = _nothing
+    for own, term in terms:
+        total = _with(total, own, term)
+    return total
+
+
+def _with(
+    before: Callable[[Any, float, float], float], own: int, term: Term
+) -> Callable[[Any, float, float], float]:
+    @law
+    def both(par: Any, displacement: float, speed: float) -> float:
+        return before(par, displacement, speed) + term(par, own, displacement, speed)
+
+    return both

@@ -14,7 +14,7 @@ def yielding_rate(speed: float, internal: float, yield_displacement: float) -> f
     """Rate of the internal displacement, m/s."""
     if speed * internal <= 0.0:
         return speed
-    return speed * (1.0 - (internal / yield_displacement) ** 2)
+    return speed * (1.0 - abs(internal) / yield_displacement)
 
 
 def _enter(vector: Array, values: Values) -> None:
@@ -29,14 +29,14 @@ MECHANISM = Mechanism(
         "The spring's force depends on the path: part of it yields and gives energy "
         'away on every cycle.'
     ),
-    equation="k (1 - a) s + k a h, h' = v (1 - [v h > 0] (h/s_y)^2)",
+    equation="k (1 - a) s + k a h, h' = v (1 - [v h > 0] |h|/s_y)",
     parameters=(
         Parameter('share', '1', 0.0, 0.95, (0.05, 0.2), absent=0.0),
         Parameter('yield_displacement', 'm', 1e-7, 0.02, (1e-4, 1e-3)),
     ),
     source=(
         'Bouc (1967), Wen (J. Eng. Mech. 102, 1976), with beta = gamma = 1/2 and '
-        'exponent 2, which dissipates always'
+        'exponent 1, which dissipates always'
     ),
     test=(
         'slow compression and release, and taps of different strength: a loop that does '

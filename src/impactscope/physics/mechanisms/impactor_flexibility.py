@@ -1,4 +1,4 @@
-"""An impactor of two masses."""
+"""An impactor of two masses; the frequency is that of the far one with the contact point held."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ __all__ = ['MECHANISM']
 def _enter(vector: Array, values: Values) -> None:
     share, mass = values['mass_share'], vector[at.IMPACTOR_MASS]
     omega = 2 * math.pi * values['frequency']
-    reduced = mass * share * (1 - share)
-    vector[at.IMPACTOR_MASS] = mass * (1 - share)
-    vector[at.SECOND_MASS] = mass * share
-    vector[at.FLEXURE_STIFFNESS] = reduced * omega**2
-    vector[at.FLEXURE_DAMPING] = 2 * values['damping_ratio'] * reduced * omega
+    far = mass * share
+    vector[at.IMPACTOR_MASS] = mass - far
+    vector[at.SECOND_MASS] = far
+    vector[at.FLEXURE_STIFFNESS] = far * omega**2
+    vector[at.FLEXURE_DAMPING] = 2 * values['damping_ratio'] * far * omega
 
 
 MECHANISM = Mechanism(
     name='impactor_flexibility',
     subsystem=Subsystem.IMPACTOR,
     sentence='The impactor is not rigid: a part of its mass swings on an elastic arm.',
-    equation="m2 q'' = k_f (p - q) + c_f (p' - q'), k_f = (2 pi f)^2 M s (1 - s)",
+    equation="m2 q'' = k_f (p - q) + c_f (p' - q'), k_f = (2 pi f)^2 m2, m2 = s M",
     parameters=(
         Parameter('frequency', 'Hz', 5.0, 5000.0, (30.0, 100.0, 300.0)),
         Parameter('mass_share', '1', 0.0, 0.95, (0.1, 0.4), absent=0.0, logarithmic=False),

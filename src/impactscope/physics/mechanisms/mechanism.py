@@ -9,8 +9,11 @@ command line, the search for missing physics. It brings
   (:mod:`impactscope.physics.twin.layout`), ``distort`` acts on one channel's samples,
   ``retime`` on the moments at which they are taken.
 
-A law that the bench does not have yet is a small compiled function in the mechanism's file,
-called from :mod:`impactscope.physics.twin.equations`.
+A law that the bench does not have yet comes along as ``guide_term`` or ``contact_term``: a small
+compiled function ``f(par, own, displacement, speed)`` in N, where ``par[own]``, ``par[own + 1]``,
+... are the mechanism's own parameters in their order. Guide terms resist the plate (displacement
+and speed of plate against base), contact terms push impactor and plate apart (indentation and
+approach speed). Their power is booked as loss.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ __all__ = ['Mechanism', 'Parameter', 'Subsystem', 'Values']
 
 Values = Mapping[str, float]
 Array = NDArray[np.float64]
+Term = Callable[[Array, int, float, float], float]
 
 
 class Subsystem(enum.Enum):
@@ -86,6 +90,8 @@ class Mechanism:
     source: str
     test: str  # the test that reveals it best
     enter: Callable[[Array, Values], None] | None = None
+    guide_term: Term | None = None
+    contact_term: Term | None = None
     distort: Callable[[Array, float, Values], Array] | None = None
     retime: Callable[[Array, Values], Array] | None = None
     needs: frozenset[str] = field(default_factory=frozenset)  # of 'impactor', 'damper', 'bare'

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from impactscope.physics.mechanisms.compiled import law
-from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem, Values
-from impactscope.physics.twin import layout as at
+from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem
 
 __all__ = ['MECHANISM', 'quadratic_force']
 
 
 @law
-def quadratic_force(coefficient: float, speed: float) -> float:
-    """Force against the motion, N."""
-    return coefficient * abs(speed) * speed
-
-
-def _enter(vector: Array, values: Values) -> None:
-    vector[at.QUADRATIC] = values['coefficient']
+def quadratic_force(par: Array, own: int, compression: float, speed: float) -> float:  # noqa: ARG001
+    """Force against the motion, N; ``own`` is the place of the coefficient in ``par``."""
+    return par[own] * abs(speed) * speed  # type: ignore[no-any-return]
 
 
 MECHANISM = Mechanism(
@@ -27,5 +22,5 @@ MECHANISM = Mechanism(
     parameters=(Parameter('coefficient', 'N s^2/m^2', 0.0, 1e5, (10.0, 300.0), absent=0.0),),
     source='Nayfeh and Mook, Nonlinear Oscillations (1979), sec. 3.3',
     test='ring-down after a hard tap: the damping ratio grows with amplitude',
-    enter=_enter,
+    guide_term=quadratic_force,
 )

@@ -11,8 +11,9 @@ from types import MappingProxyType
 from impactscope.errors import ConfigurationError
 from impactscope.physics import mechanisms
 from impactscope.physics.mechanisms.mechanism import Mechanism
+from impactscope.physics.twin import layout as at
 
-__all__ = ['all_mechanisms', 'mechanism']
+__all__ = ['all_mechanisms', 'mechanism', 'own_places']
 
 
 @functools.cache
@@ -29,6 +30,19 @@ def all_mechanisms() -> Mapping[str, Mechanism]:
                 )
             found[entry.name] = entry
     return MappingProxyType(found)
+
+
+@functools.cache
+def own_places() -> Mapping[str, int]:
+    """Place of the first own parameter of each mechanism that brings a term."""
+    names = [n for n, m in all_mechanisms().items() if m.guide_term or m.contact_term]
+    wide = [n for n in names if len(all_mechanisms()[n].parameters) > at.OWN_WIDTH]
+    if wide or len(names) > at.MAX_OWN:
+        raise ConfigurationError(
+            f'mechanisms with terms of their own: {len(names)} of at most {at.MAX_OWN}, '
+            f'each with at most {at.OWN_WIDTH} parameters; too wide: {wide!r}'
+        )
+    return MappingProxyType({n: at.OWN + at.OWN_WIDTH * i for i, n in enumerate(names)})
 
 
 def mechanism(name: str) -> Mechanism:

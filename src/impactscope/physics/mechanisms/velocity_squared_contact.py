@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from impactscope.physics.mechanisms.compiled import law
-from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem, Values
-from impactscope.physics.twin import layout as at
+from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem
 
 __all__ = ['MECHANISM', 'slamming_force']
 
 
 @law
-def slamming_force(coefficient: float, approach: float) -> float:
-    """Contact force at ``approach`` m/s, N; none while separating."""
+def slamming_force(par: Array, own: int, indentation: float, approach: float) -> float:  # noqa: ARG001
+    """Contact force, N, none while separating; ``own``: place of the coefficient in ``par``."""
     if approach > 0.0:
-        return coefficient * approach * approach
+        return par[own] * approach * approach  # type: ignore[no-any-return]
     return 0.0
-
-
-def _enter(vector: Array, values: Values) -> None:
-    vector[at.SQUARED] = values['coefficient']
 
 
 MECHANISM = Mechanism(
@@ -31,6 +26,6 @@ MECHANISM = Mechanism(
     parameters=(Parameter('coefficient', 'N s^2/m^2', 0.0, 1e5, (3.0, 30.0, 300.0), absent=0.0),),
     source='hydrodynamic slamming; Faltinsen, Sea Loads on Ships (1990), ch. 9',
     test=('blows at several speeds: the onset of the force grows with the square of the speed'),
-    enter=_enter,
+    contact_term=slamming_force,
     needs=frozenset({'impactor'}),
 )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from impactscope.errors import ConfigurationError
 from impactscope.physics.mechanisms.mechanism import Mechanism
-from impactscope.physics.mechanisms.registry import mechanism
+from impactscope.physics.mechanisms.registry import mechanism, own_places
 from impactscope.physics.pendulum import Orientation
 from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.bench import Bench, Blow, HammerTap, MeasuredForce, PendulumBlow
@@ -128,7 +128,7 @@ def assemble(bench: Bench, blow: Blow, effects: Iterable[Effect]) -> Array:
         par = np.concatenate((par, np.asarray(blow.values, dtype=np.float64), [0.0]))
     elif isinstance(blow, PendulumBlow):
         par[at.IMPACTOR_MASS] = blow.pendulum.equivalent_mass
-        par[at.LEVER] = blow.pendulum.contact_distance
+        par[at.LEVER] = blow.pendulum.contact_distance if blow.large_angles else 0.0
         par[at.IMPACT_SPEED] = blow.pendulum.impact_speed(blow.release_angle, bench.orientation)
         par[at.CATCH_TIME] = blow.catch_time
         if math.isfinite(blow.lift_time):
@@ -147,6 +147,10 @@ def assemble(bench: Bench, blow: Blow, effects: Iterable[Effect]) -> Array:
             raise ConfigurationError(f'{effect.name} needs an impactor; there is none')
         if kind.enter is not None:
             kind.enter(par, effect.values)
+        if kind.name in own_places():
+            place = own_places()[kind.name]
+            own = [effect.values[parameter.name] for parameter in kind.parameters]
+            par[place : place + len(own)] = own
     return par
 
 

@@ -248,13 +248,15 @@ class PendulumBlow:
     """A pendulum released at rest. Times count from first contact.
 
     ``lift_time``: from here on the pendulum is taken off the plate; ``catch_time``: from here
-    on it is held as soon as it is off the plate. Infinite: neither happens.
+    on it is held as soon as it is off the plate. Infinite: neither happens. ``large_angles``: the
+    weight acts with cosine and sine of the swing, not as a constant load and a linear spring.
     """
 
     pendulum: Pendulum = field(default_factory=Pendulum)
     release_angle: float = math.radians(10.0)  # rad
     lift_time: float = math.inf  # s
     catch_time: float = math.inf  # s
+    large_angles: bool = False
 
     def __post_init__(self) -> None:
         _check('pendulum blow', release_angle=(self.release_angle, 0.0, math.pi))

@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.physics.mechanisms.clearance import slack
-from impactscope.physics.mechanisms.compiled import compiled, law
+from impactscope.physics.mechanisms.compiled import chained, compiled, law
 from impactscope.physics.mechanisms.end_stop import stop_energy, stop_force
 from impactscope.physics.mechanisms.hardening_spring import cubic_energy, cubic_force
 from impactscope.physics.mechanisms.hysteresis import yielding_rate
-from impactscope.physics.mechanisms.quadratic_damping import quadratic_force
-from impactscope.physics.mechanisms.stiffening_damper import stiffening_energy, stiffening_force
+from impactscope.physics.mechanisms.registry import all_mechanisms, own_places
+from impactscope.physics.mechanisms.stiffening_damper import stiffening_factor
 from impactscope.physics.mechanisms.stribeck_friction import sliding_friction
-from impactscope.physics.mechanisms.velocity_squared_contact import slamming_force
 from impactscope.physics.twin import layout as at
 
 __all__ = [
@@ -42,6 +41,13 @@ __all__ = [
 
 Array = NDArray[np.float64]
 UNTRACKED = 2  # guide mode where nothing depends on the direction of motion
+
+_guide_terms = chained(
+    (own_places()[m.name], m.guide_term) for m in all_mechanisms().values() if m.guide_term
+)
+_contact_terms = chained(
+    (own_places()[m.name], m.contact_term) for m in all_mechanisms().values() if m.contact_term
+)
 
 
 @law
@@ -84,7 +90,7 @@ def _distance_to_edge(par: Array, compression: float, region: int) -> float:
 
 @law
 def _layer_force(par: Array, y: Array, u: float) -> float:
-    force: float = stiffening_force(par[at.LAYER_STIFFNESS], par[at.LAYER_STIFFENING], u)
+    force: float = par[at.LAYER_STIFFNESS] * u
     for i in range(int(par[at.BRANCHES])):
         force += par[at.BRANCH + 2 * i] * (u - y[at.Z + i])
     return force
@@ -101,11 +107,6 @@ def free_compression(par: Array, y: Array) -> float:
     if stiffness <= 0.0:
         return 0.0
     u: float = pull / stiffness
-    beta = par[at.LAYER_STIFFENING] * par[at.LAYER_STIFFNESS]
-    if beta > 0.0 and pull != 0.0:
-        # stiffness |u| + beta u^2 = |pull|, in the form that loses no digits
-        size = 2.0 * abs(pull) / (stiffness + math.sqrt(stiffness**2 + 4.0 * beta * abs(pull)))
-        u = math.copysign(size, pull)
     return u
 
 
@@ -116,11 +117,11 @@ def contact_force(par: Array, y: Array, contact: int) -> float:
         return 0.0
     u = y[at.P] - y[at.X]
     approach = y[at.VP] - y[at.V]
-    slam = slamming_force(par[at.SQUARED], approach)
+    more = _contact_terms(par, u, approach)
     if par[at.HAS_LAYER] > 0.0:
-        return _layer_force(par, y, u) + slam
+        return _layer_force(par, y, u) * stiffening_factor(par[at.LAYER_STIFFENING], u) + more
     size: float = par[at.CONTACT_STIFFNESS] * abs(u) ** par[at.CONTACT_EXPONENT]
-    force: float = math.copysign(size, u) + size * par[at.CONTACT_LOSS] * approach + slam
+    force: float = math.copysign(size, u) + size * par[at.CONTACT_LOSS] * approach + more
     if par[at.UNILATERAL] > 0.0:
         return max(force, 0.0)
     return force
@@ -197,7 +198,7 @@ def _weight_energy(par: Array, position: float) -> float:
 def stick_force(par: Array, y: Array, t: float, contact: int) -> float:
     """Dry friction on the plate with which it would move along with the base, N."""
     speed = y[at.V] - y[at.VB]
-    viscous = par[at.DAMPING] * speed + quadratic_force(par[at.QUADRATIC], speed)
+    viscous = par[at.DAMPING] * speed + _guide_terms(par, y[at.X] - y[at.B], speed)
     inner = spring_force(par, y[at.X] - y[at.B], y[at.H]) + viscous
     on_plate: float = contact_force(par, y, contact) + tap_force(par, t) - inner
     base: float = par[at.BASE_MASS]
@@ -230,7 +231,7 @@ def forces(
     """
     pushed = contact_force(par, y, contact)
     speed = y[at.V] - y[at.VB]
-    viscous: float = par[at.DAMPING] * speed + quadratic_force(par[at.QUADRATIC], speed)
+    viscous: float = par[at.DAMPING] * speed + _guide_terms(par, y[at.X] - y[at.B], speed)
     friction = 0.0
     if guide == 0:
         friction = stick_force(par, y, t, contact)
@@ -277,8 +278,7 @@ def accelerations(
         if far > 0.0:
             share = mass / (mass + far)
             second = (flexure + (1.0 - share) * _weight(par, y[at.Q])) / far
-        moving = mass + par[at.ADDED_MASS] if contact == at.CLOSED else mass
-        impactor = (drive + share * _weight(par, y[at.P]) - pushed - flexure) / moving
+        impactor = (drive + share * _weight(par, y[at.P]) - pushed - flexure) / mass
     return plate, impactor, second, base
 
 
@@ -303,10 +303,14 @@ def derivative(par: Array, t: float, y: Array, contact: int, guide: int, dy: Arr
     if contact == at.CLOSED:
         approach = y[at.VP] - y[at.V]
         if par[at.HAS_LAYER] > 0.0:
-            lost += slamming_force(par[at.SQUARED], approach) * approach
+            # what stiffening adds to the branches' forces is booked here, to the spring's stored
+            kept = _layer_force(par, y, u)
+            beyond = stiffening_factor(par[at.LAYER_STIFFENING], u) - 1.0
+            kept += beyond * par[at.LAYER_STIFFNESS] * u
         else:
             size = par[at.CONTACT_STIFFNESS] * abs(u) ** par[at.CONTACT_EXPONENT]
-            lost += (pushed - math.copysign(size, u)) * approach
+            kept = math.copysign(size, u)
+        lost += (pushed - kept) * approach
     if par[at.HAS_LAYER] > 0.0:
         if contact != at.CLOSED:
             u = free_compression(par, y)
@@ -362,10 +366,7 @@ def energy(par: Array, y: Array, contact: int) -> float:
     total += stop_energy(par[at.STOP_STIFFNESS], par[at.STOP_TRAVEL], y[at.X] - y[at.B])
     total += 0.5 * par[at.BASE_MASS] * y[at.VB] ** 2
     total += 0.5 * par[at.BASE_STIFFNESS] * y[at.B] ** 2
-    moving = par[at.IMPACTOR_MASS]
-    if contact == at.CLOSED:
-        moving += par[at.ADDED_MASS]
-    total += 0.5 * moving * y[at.VP] ** 2
+    total += 0.5 * par[at.IMPACTOR_MASS] * y[at.VP] ** 2
     mass, second = par[at.IMPACTOR_MASS], par[at.SECOND_MASS]
     if mass > 0.0:
         total += _weight_energy(par, y[at.P]) * mass / (mass + second)
@@ -375,7 +376,8 @@ def energy(par: Array, y: Array, contact: int) -> float:
         total += 0.5 * par[at.FLEXURE_STIFFNESS] * (y[at.P] - y[at.Q]) ** 2
     if par[at.HAS_LAYER] > 0.0:
         u = y[at.P] - y[at.X] if contact == at.CLOSED else free_compression(par, y)
-        total += stiffening_energy(par[at.LAYER_STIFFNESS], par[at.LAYER_STIFFENING], u)
+        beyond = stiffening_factor(par[at.LAYER_STIFFENING], u) - 1.0
+        total += par[at.LAYER_STIFFNESS] * u**2 * (0.5 + beyond / 3.0)
         for i in range(int(par[at.BRANCHES])):
             total += 0.5 * par[at.BRANCH + 2 * i] * (u - y[at.Z + i]) ** 2
     elif contact == at.CLOSED:

@@ -257,16 +257,6 @@ def _guide_after(par: Array, t: float, y: Array, contact: int, tracked: bool) ->
 
 
 @compiled
-def _touch(par: Array, y: Array) -> None:
-    """First touch: a struck medium, at rest until now, takes its share of the momentum."""
-    added = par[at.ADDED_MASS]
-    if added > 0.0:
-        mass, speed = par[at.IMPACTOR_MASS], y[at.VP]
-        y[at.VP] = mass * speed / (mass + added)
-        y[at.LOST] += 0.5 * mass * speed * (speed - y[at.VP])
-
-
-@compiled
 def _catch(par: Array, y: Array) -> None:
     """The impactor is held: its kinetic energy, and what its arm stores, are gone."""
     y[at.LOST] += 0.5 * par[at.IMPACTOR_MASS] * y[at.VP] ** 2
@@ -307,8 +297,6 @@ def integrate(
         or par[at.STATIC_BACKWARD] > 0.0
         or par[at.HYSTERESIS_SHARE] > 0.0
     )
-    if contact == at.CLOSED:
-        _touch(par, y)
     guide = _guide_after(par, 0.0, y, contact, tracked)
     region = spring_region(par, y[at.X] - y[at.B])
 
@@ -415,12 +403,10 @@ def integrate(
         if which == 0:
             if contact == at.OPEN:
                 contact = at.CLOSED
-                _touch(par, y)
                 kind = at.CONTACT_BEGINS
             else:
                 contact = at.OPEN
                 kind = at.CONTACT_ENDS
-                y[at.LOST] += 0.5 * par[at.ADDED_MASS] * y[at.VP] ** 2
                 if t >= par[at.CATCH_TIME]:
                     _catch(par, y)
                     contact = at.GONE
