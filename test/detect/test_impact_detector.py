@@ -168,6 +168,16 @@ def test_a_weight_that_stays_is_held_and_its_removal_is_no_blow():
     assert second.zero_level[0] == pytest.approx(0.0, abs=0.1)
 
 
+def test_a_slip_of_the_plate_below_the_contact_force_is_no_blow():
+    t = time_axis(6.0)
+    force = np.where(t > 2, 0.8, 0.0) + noise(t.size, 0.05) + pulse(t - 4, 0.012, 50)
+    detector = ImpactDetector()
+    (event,) = detect(force, detector=detector)
+    assert event.stamp_ns == pytest.approx(5_000_000_000, abs=2_000_000)
+    assert event.zero_level[0] == pytest.approx(0.8, abs=0.02)
+    assert detector.statistics.without_contact == 1
+
+
 def test_clamping_for_seconds_is_one_contact():
     t = time_axis(6.0)
     push = np.interp(t, [1.0, 1.1, 1.3, 3.8, 3.85], [0, 180, 120, 110, 0])

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from impactscope.detect.plate_motion import PlateModel, PulseFit, fit_pulse
 from impactscope.records import Contact
 
-__all__ = ['ContactRules', 'find_contacts']
+__all__ = ['ContactRules', 'find_contacts', 'moving_mean']
 
 GROWTH = 1.05  # of a half-wave over the one before it, beyond noise, that proves new momentum
 MOST_FITTED = 8  # contacts; later, weaker bounces are left to the reading alone
@@ -103,7 +103,7 @@ def find_contacts(
     return tuple(contacts)
 
 
-def _smoothed(reading: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+def moving_mean(reading: NDArray[np.float64], n: int) -> NDArray[np.float64]:
     """Centred moving mean; shorter at the ends, non-finite samples counted as zero."""
     finite = np.where(np.isfinite(reading), reading, 0.0)
     total = np.concatenate(([0.0], np.cumsum(finite)))
@@ -124,7 +124,7 @@ def _spans_above(
 
 def _pushed_spans(reading: NDArray[np.float64], trigger: int, rules: ContactRules) -> list[_Span]:
     """Spans by the reading alone: above the threshold, joined over short dips, none ringing."""
-    smooth = _smoothed(reading, rules.smoothing)
+    smooth = moving_mean(reading, rules.smoothing)
     above = [span for span in _spans_above(smooth, rules.threshold) if span[1] > trigger]
     if not above:
         peak = trigger + int(np.argmax(smooth[trigger:]))
@@ -173,7 +173,7 @@ def _fitted(
     doubt = np.zeros(residual.size)
     spans: list[_Span] = []
     while True:
-        smooth = _smoothed(residual, rules.smoothing)
+        smooth = moving_mean(residual, rules.smoothing)
         above = [s for s in _spans_above(smooth, rules.threshold + doubt) if s[1] > after]
         if not above:
             break

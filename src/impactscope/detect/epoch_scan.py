@@ -18,6 +18,7 @@ from impactscope.detect.event_window import (
     contact_threshold,
     contacts_of,
     opened_reading,
+    smoothed_peak,
 )
 from impactscope.detect.history import History
 from impactscope.detect.noise_floor import (
@@ -122,7 +123,7 @@ class EpochScan:
             rest = self._rested
             quality = Quality.TORN if rest is None else Quality.NONE
             torn = self._restless(self._position - self._rest_hops * self._width) if rest else []
-            events.append(self._close(self._history.stop, quality, rest_from=rest, torn=torn))
+            events += self._close(self._history.stop, quality, rest_from=rest, torn=torn)
         return events
 
     def append(self, record: SyncedBlock) -> list[ImpactEvent]:
@@ -163,9 +164,7 @@ class EpochScan:
             return []
         events = self.advance()
         if self._state is _State.FOLLOWING:
-            events.append(
-                self._close(history.stop, Quality.TORN | Quality.GAP_BEFORE, rest_from=None)
-            )
+            events += self._close(history.stop, Quality.TORN | Quality.GAP_BEFORE, rest_from=None)
         layout = self._layout
         stamp = history.stamp(first)
         self._history = History(len(layout.channels), layout.grid_rate, first)
@@ -400,7 +399,7 @@ class EpochScan:
         zero = float(opening.zero[0])
         swing, push = _swings(largest - zero, smallest - zero, self.settings.polarity)
         if self._is_new_blow(push):
-            events = [self._close(self._position, Quality.OVERLAPPING, rest_from=None)]
+            events = self._close(self._position, Quality.OVERLAPPING, rest_from=None)
             self._overlap = True
             self._open(self._position)
             return events
@@ -417,7 +416,7 @@ class EpochScan:
             self._last_contact = self._position
         held = profile.longest_hold * layout.grid_rate + self._width
         if pressed and self._position - opening.trigger >= held:
-            return [self._close(self._position, Quality.HELD, rest_from=self._rest_start())]
+            return self._close(self._position, Quality.HELD, rest_from=self._rest_start())
         rest = self._rest_start()
         self._prepare(pressed=pressed)
         if pressed or self._has_grown():
@@ -425,10 +424,10 @@ class EpochScan:
         if rest is not None and not pressed:
             self._rested = rest if self._rested is None else self._rested
             if not self._restless(rest):
-                return [self._close(self._position, Quality.NONE, rest_from=rest)]
+                return self._close(self._position, Quality.NONE, rest_from=rest)
         longest = profile.longest_ring_down * layout.grid_rate
         if not pressed and self._position - self._last_contact >= longest:
-            return [self._close(self._position, Quality.NONE, rest_from=self._rested)]
+            return self._close(self._position, Quality.NONE, rest_from=self._rested)
         return []
 
     def _prepare(self, *, pressed: bool) -> None:
@@ -529,8 +528,8 @@ class EpochScan:
 
     def _close(
         self, stop: int, quality: Quality, rest_from: int | None, torn: Sequence[int] = ()
-    ) -> ImpactEvent:
-        """Cut the event out; watch on from ``stop`` with the level that it came to rest at.
+    ) -> list[ImpactEvent]:
+        """Cut the event out, if it has contact; watch on from ``stop`` at the level of its rest.
 
         ``torn`` are rows that the stream's end cut off while they were not at rest.
         """
@@ -540,6 +539,14 @@ class EpochScan:
         start, reading = self._reading(stop)
         free = rest_from if Quality.HELD not in quality else None
         contacts = self._contacts or self._find_contacts(start, reading, free)
+        # By the profile nothing pressed on the sensor: a plate that slipped, a small step.
+        is_blow = (
+            bool(
+                smoothed_peak(reading, int(self._layout.scales[0]))
+                > contact_threshold(self._opening, self.settings)
+            )
+            or not self._opening.in_newtons
+        )
         event = build_event(
             self._layout,
             self._history,
@@ -569,7 +576,10 @@ class EpochScan:
             self._state = _State.WATCHING
         elif Quality.OVERLAPPING not in quality:
             self._enter_learning(cold=False)
-        return event
+        if not is_blow:
+            self.counts['without_contact'] += 1
+            return []
+        return [event]
 
 
 def _swings(largest: float, smallest: float, polarity: int) -> tuple[float, float]:

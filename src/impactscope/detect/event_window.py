@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.detect.contacts import ContactRules, find_contacts
+from impactscope.detect.contacts import ContactRules, find_contacts, moving_mean
 from impactscope.detect.history import History
 from impactscope.detect.plate_memory import PlateMemory
 from impactscope.detect.settings import DetectorSettings
@@ -30,6 +30,7 @@ __all__ = [
     'contact_threshold',
     'contacts_of',
     'opened_reading',
+    'smoothed_peak',
 ]
 
 
@@ -98,6 +99,11 @@ def opened_reading(
 def contact_threshold(opening: Opening, settings: DetectorSettings) -> float:
     """Reading above which there is contact, or ringing."""
     return max(opening.contact_force, settings.release * float(opening.sigma[1]))
+
+
+def smoothed_peak(reading: NDArray[np.float64], n: int) -> float:
+    """Largest moving mean of n samples; non-finite samples count as zero."""
+    return float(moving_mean(reading, n).max())
 
 
 def contacts_of(

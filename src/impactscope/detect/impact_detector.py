@@ -25,6 +25,7 @@ class DetectorStatistics:
     samples: int = 0  # grid samples
     events: int = 0
     torn: int = 0  # events cut by the stream's begin or end
+    without_contact: int = 0  # disturbances that never reached the profile's contact force
     duplicates: int = 0  # grid samples that had been seen before
     lost: int = 0  # grid samples that never came
     clock_jumps: int = 0
