@@ -263,6 +263,30 @@ def test_what_is_no_force_event_says_so():
     assert "'force.hammer'" in lost.reason
 
 
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, 9),
+    st.sampled_from([0.0, -1.0, 1e-6, 1e6, math.nan]),
+    st.floats(-0.5, 1.0),
+    st.floats(-0.5, 1.5),
+)
+def test_no_record_however_broken_raises(seed, factor, start, end):
+    event = blow(seed)
+    values = event.values.copy()
+    values[seed % 3, 1000 + 7 * seed :] *= np.float32(factor)
+    contact = dataclasses.replace(event.contacts[0], start=start, end=end)
+    for broken in (
+        _without(event, values=values),
+        _without(event, contacts=(contact,)),
+        _without(event, contact_start=start, contact_end=end, event_end=end),
+        _without(event, values=values[:, : 40 + 100 * seed]),
+        _without(event, noise_std=(), zero_level=(), oversampling=seed + 1),
+    ):
+        for sensor in (None, KNOWN):
+            found = estimate_impact(broken, sensor)
+            assert found.valid == (found.reason == '')
+
+
 def test_gaps_in_accelerometers_are_survived():
     event = blow()
     values = event.values.copy()

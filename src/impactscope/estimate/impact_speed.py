@@ -175,7 +175,8 @@ def speed_from_contact(
         speed = closed + lag * parting / duration
     # Where force and squeeze are not in the proportion assumed, nor is what is left at the end.
     fitted = elastic * squeeze + viscous * duration * rate
-    unlike = float(np.linalg.norm(f - fitted) / np.linalg.norm(f - f.mean()))
+    varies = float(np.linalg.norm(f - f.mean()))
+    unlike = float(np.linalg.norm(f - fitted)) / varies if varies > 0 else 1.0
     terms = (
         noise / math.sqrt(3),
         offset_std * duration / 2,
