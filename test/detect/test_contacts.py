@@ -61,6 +61,17 @@ def test_a_long_push_has_its_reading_for_limits():
         assert contact.impulse == pytest.approx(190, rel=0.01)
 
 
+@pytest.mark.parametrize('plate', [None, PLATE])
+def test_a_weight_that_comes_to_rest_in_the_ring_down_is_a_contact(plate):
+    t = np.arange(20_000) / RATE
+    late = np.maximum(t - 0.15, 0)
+    settled = 5 * (1 - np.exp(-20 * late) * np.cos(150 * late)) * (t > 0.15)
+    force = reading((0.1, 0.009, 100), n=t.size) + settled
+    contacts = find_contacts(force, 1030, RULES, plate)
+    assert contacts[0].start == pytest.approx(0.1, abs=0.004)
+    assert contacts[-1].end > 1.99
+
+
 def test_a_blow_below_the_contact_threshold_is_its_peak():
     force = reading((0.1, 0.009, 5))
     (contact,) = find_contacts(np.minimum(force, 2.9), 1030, RULES)

@@ -27,6 +27,7 @@ from impactscope.records import Contact
 __all__ = ['ContactRules', 'find_contacts', 'moving_mean']
 
 GROWTH = 1.05  # of a half-wave over the one before it, beyond noise, that proves new momentum
+LASTING = 1.2  # of the time below the threshold before, beyond which a push is no half-wave
 MOST_FITTED = 8  # contacts; later, weaker bounces are left to the reading alone
 BINS = 150  # in a period of the plate: finer than that it does not move
 DOUBT = 0.12  # share of a ring-down that its model may miss without it being a contact
@@ -142,7 +143,9 @@ def _pushed_spans(reading: NDArray[np.float64], trigger: int, rules: ContactRule
         swing = -float(smooth[before[1] : start].min())
         # A swing below the threshold could not be told from none: it counts as one of its size.
         bound = GROWTH * max(swing, 0.0) + 4 * rules.smoothed_noise
-        if float(smooth[start:stop].max()) > max(bound, rules.threshold * GROWTH):
+        # Ringing about zero is above the threshold for less time than below it.
+        lasts = stop - start > LASTING * (start - before[1]) and stop - start > rules.smoothing
+        if lasts or float(smooth[start:stop].max()) > max(bound, rules.threshold * GROWTH):
             spans.append(_Span(start, stop))
     return spans
 
@@ -182,7 +185,8 @@ def _fitted(
         fit = _fit(residual, begin, first, rules, plate) if len(spans) < MOST_FITTED else None
         if fit is None:
             low = max(first, after) if spans else first
-            spans += _unfitted(residual, begin, low, pushed, rules, plate)
+            left = [span for span in pushed if span.stop > low] or [_Span(*s) for s in above]
+            spans += _unfitted(residual, begin, low, left, rules, plate)
             break
         response = fit.response(residual.size, rules.rate, plate)
         residual -= response
@@ -241,14 +245,11 @@ def _unfitted(
     residual: NDArray[np.float64],
     begin: float,
     first: float,
-    pushed: list[_Span],
+    rest: list[_Span],
     rules: ContactRules,
     plate: PlateModel,
 ) -> list[_Span]:
     """The remaining contacts by the reading alone; the first one's start from its rise."""
-    rest = [span for span in pushed if span.stop > first]
-    if not rest:
-        return []
     start = max(rest[0].start, first)
     period = plate.period * rules.rate
     low = max(math.ceil(begin), round(start - 0.7 * period), 0)
