@@ -230,7 +230,10 @@ class Bench:
 
 @dataclass(frozen=True, slots=True)
 class HammerTap:
-    """A half-sine force on the plate; there is no impactor."""
+    """A half-sine force on the plate; there is no impactor.
+
+    For a hammer with a mass, that may bounce: a RobotBlow without a push on a bare bench.
+    """
 
     peak_force: float = 150.0  # N
     duration: float = 0.004  # s

@@ -112,7 +112,6 @@ STICKS: Final = 3
 SLIPS: Final = 4
 REVERSES: Final = 5
 SPRING_REGION: Final = 6  # slack, spring or end stop was entered
-CAUGHT: Final = 7
 
 
 def blank() -> NDArray[np.float64]:
