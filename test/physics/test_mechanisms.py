@@ -237,6 +237,7 @@ def test_own_parameters_stand_apart():
     assert places[-1] + at.OWN_WIDTH <= at.N_PARAMETERS
 
 
+@pytest.mark.slow
 def test_adding_an_effect_is_adding_one_file(tmp_path):
     """A file with a law of its own, in a copy of the package, acts without any other change."""
     package = Path(impactscope.__file__).parent
