@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,14 @@ from impactscope.detect.settings import DetectorSettings
 
 __all__ = ['PlateMemory']
 
-SAME_PLATE = 0.05  # relative difference of natural frequencies beyond which it is another plate
+REMEMBERED = 32  # ring-downs
 
 
 class PlateMemory:
-    """Natural frequency and damping ratio: as set, or the weighted mean over ring-downs.
+    """Natural frequency and damping ratio: as set, or the weighted median over ring-downs.
+
+    The median, since now and then an oscillation of plate and impactor together, or one fitted
+    in much noise, passes for a free ring-down.
 
     Args:
         settings: of the detector; where they give the plate, nothing is learned.
@@ -25,7 +29,7 @@ class PlateMemory:
     def __init__(self, settings: DetectorSettings) -> None:
         self.model: PlateModel | None = None
         self._given = not math.isnan(settings.natural_frequency)
-        self._weight = 0.0
+        self._found: deque[tuple[float, float, float]] = deque(maxlen=REMEMBERED)
         if self._given:
             self.model = PlateModel(
                 2 * math.pi * settings.natural_frequency, settings.damping_ratio
@@ -39,18 +43,17 @@ class PlateMemory:
         if found is None:
             return
         model, weight = found
-        known = self.model
-        if known is not None:
-            ratio = model.natural_frequency / known.natural_frequency
-            if abs(math.log(ratio)) < SAME_PLATE:
-                total = self._weight + weight
-                share = weight / total
-                self.model = PlateModel(
-                    known.natural_frequency * (1 - share) + model.natural_frequency * share,
-                    known.damping_ratio * (1 - share) + model.damping_ratio * share,
-                )
-                self._weight = total
-                return
-            if weight < self._weight:
-                return
-        self.model, self._weight = model, weight
+        self._found.append((model.natural_frequency, model.damping_ratio, weight))
+        frequencies, ratios, weights = np.array(self._found).T
+        # One strong ring-down must not outvote all others.
+        weights = np.minimum(weights, 3 * np.median(weights))
+        self.model = PlateModel(
+            _weighted_median(frequencies, weights), _weighted_median(ratios, weights)
+        )
+
+
+def _weighted_median(values: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+    """Median, each value counted by its weight, interpolated between the middle two."""
+    order = np.argsort(values)
+    share = np.cumsum(weights[order]) - weights[order] / 2
+    return float(np.interp(share[-1] / 2 + weights[order][-1] / 4, share, values[order]))
