@@ -173,7 +173,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument('--quick', action='store_true', help='fewer repetitions, no compile time')
     options = parser.parse_args(argv)
     repeats = 7 if options.quick else 40
-    bench, blow = Bench(), PendulumBlow()
+    bench, blow = Bench(), PendulumBlow(large_angles=True)
     par = assemble(bench, blow, implied_effects(bench, blow))
     times = np.arange(round(DURATION * RATE)) / RATE
     print(
