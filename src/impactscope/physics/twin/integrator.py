@@ -267,6 +267,89 @@ def _catch(par: Array, y: Array) -> None:
 
 
 @compiled
+def _leaving(
+    par: Array,
+    t: float,
+    h: float,
+    y: Array,
+    y_new: Array,
+    k: Array,
+    modes: tuple[int, int, int],
+    dense: Array,
+    work: Array,
+) -> tuple[float, int]:
+    """First share of the step at which a guard ends the mode, and which guard; -1: none does.
+
+    ``dense`` is prepared where one does.
+    """
+    contact, guide, region = modes
+    g0 = guard(par, y, t, contact, guide, region)
+    g1 = guard(par, y_new, t + h, contact, guide, region)
+    share, which = 2.0, -1
+    prepared = False
+    for i in range(3):
+        slack = _LEAST_SPEED if i == 1 and guide != 0 else 0.0
+        last = 1.0 if g1[i] < -slack else 0.0
+        # between its ends the step may dip out of the mode and back
+        if last == 0.0 and g0[i] > 0.0:
+            if i == 0 and contact == at.OPEN:
+                last = _dips(g0[0], y[at.V] - y[at.VP], g1[0], y_new[at.V] - y_new[at.VP], h)
+            elif i == 1 and guide in (-1, 1):
+                before, after = k[0, at.V] - k[0, at.VB], k[6, at.V] - k[6, at.VB]
+                last = _dips(g0[1], guide * before, g1[1], guide * after, h)
+        if last == 0.0:
+            continue
+        if not prepared:
+            _prepare_dense(k, dense)
+            prepared = True
+        if last < 1.0:
+            _dense_state(y, h, dense, last, work)
+            if guard(par, work, t + last * h, contact, guide, region)[i] >= 0.0:
+                continue
+        found = _crossing(par, t, h, y, dense, modes, i, last, work)
+        if found < share:
+            share, which = found, i
+    return share, which
+
+
+@compiled
+def _change_mode(
+    par: Array,
+    t: float,
+    y: Array,
+    modes: tuple[int, int, int],
+    which: int,
+    slips_to: int,
+    tracked: bool,
+) -> tuple[int, int, int, int]:
+    """Modes of contact, guide and spring after guard ``which`` ended one, and the event's kind."""
+    contact, guide, region = modes
+    if which == 0:
+        if contact == at.OPEN:
+            contact, kind = at.CLOSED, at.CONTACT_BEGINS
+        else:
+            contact, kind = at.OPEN, at.CONTACT_ENDS
+            if t >= par[at.CATCH_TIME]:
+                _catch(par, y)
+                contact = at.GONE
+    elif which == 1:
+        if guide == 0:
+            guide, kind = slips_to, at.SLIPS
+        else:
+            y[at.V] = y[at.VB]
+            guide = _guide_after(par, t, y, contact, tracked)
+            kind = at.STICKS if guide == 0 else at.REVERSES
+    else:
+        kind = at.SPRING_REGION
+        onward = math.copysign(1e-12, y[at.V] - y[at.VB])
+        region = spring_region(par, y[at.X] - y[at.B] + onward)
+    if which != 1 and guide == 0:
+        # a force that jumps with the mode may set a stuck plate moving
+        guide = _guide_after(par, t, y, contact, tracked)
+    return contact, guide, region, kind
+
+
+@compiled
 def integrate(
     par: Array,
     y: Array,
@@ -335,37 +418,8 @@ def integrate(
         if not error < 1e30:
             return NOT_FINITE, n_steps
 
-        # --- does the step leave the mode? -------------------------------------------------
-        g0 = guard(par, y, t, contact, guide, region)
-        g1 = guard(par, y_new, t + h, contact, guide, region)
-        share, which, slips_to = 2.0, -1, 0
-        dense_ready = False
-        for i in range(3):
-            slack = _LEAST_SPEED if i == 1 and guide != 0 else 0.0
-            last = 1.0 if g1[i] < -slack else 0.0
-            if last == 0.0 and i == 0 and contact == at.OPEN and g0[0] > 0.0:
-                last = _dips(g0[0], y[at.V] - y[at.VP], g1[0], y_new[at.V] - y_new[at.VP], h)
-            elif last == 0.0 and i == 1 and guide in (-1, 1) and g0[1] > 0.0:
-                last = _dips(
-                    g0[1],
-                    guide * (k[0, at.V] - k[0, at.VB]),
-                    g1[1],
-                    guide * (k[6, at.V] - k[6, at.VB]),
-                    h,
-                )
-            if last > 0.0:
-                if not dense_ready:
-                    _prepare_dense(k, dense)
-                    dense_ready = True
-                if last < 1.0:
-                    _dense_state(y, h, dense, last, work)
-                    if guard(par, work, t + last * h, contact, guide, region)[i] >= 0.0:
-                        continue
-                found = _crossing(par, t, h, y, dense, (contact, guide, region), i, last, work)
-                if found < share:
-                    share, which = found, i
-                    if i == 1 and guide == 0:
-                        slips_to = _slip_direction(par, y_new, t + h, contact)
+        share, which = _leaving(par, t, h, y, y_new, k, (contact, guide, region), dense, work)
+        dense_ready = which >= 0
         if not dense_ready and times[next_row] <= t + 1.001 * h:
             _prepare_dense(k, dense)
             dense_ready = True
@@ -390,9 +444,12 @@ def integrate(
                 fresh = True
             continue
 
-        # --- an event: step to it with the full method, then change the mode ----------------
+        # an event: step to it with the full method, then change the mode
         if n_events == len(event_times):
             return TOO_MANY_EVENTS, n_steps
+        slips_to = 0
+        if which == 1 and guide == 0:
+            slips_to = _slip_direction(par, y_new, t + h, contact)
         if reached > 0.0:
             _step(par, t, reached, y, contact, guide, k, y_new)
             for i in range(n):
@@ -400,33 +457,10 @@ def integrate(
             t = t_reached
         fresh = True
         h = min(wanted, 1e-4)
-        if which == 0:
-            if contact == at.OPEN:
-                contact = at.CLOSED
-                kind = at.CONTACT_BEGINS
-            else:
-                contact = at.OPEN
-                kind = at.CONTACT_ENDS
-                if t >= par[at.CATCH_TIME]:
-                    _catch(par, y)
-                    contact = at.GONE
-        elif which == 1:
-            if guide == 0:
-                guide = slips_to
-                kind = at.SLIPS
-            else:
-                y[at.V] = y[at.VB]
-                guide = _guide_after(par, t, y, contact, tracked)
-                kind = at.STICKS if guide == 0 else at.REVERSES
-        else:
-            kind = at.SPRING_REGION
-            speed = y[at.V] - y[at.VB]
-            compression = y[at.X] - y[at.B]
-            region = spring_region(par, compression + math.copysign(1e-12, speed))
+        contact, guide, region, kind = _change_mode(
+            par, t, y, (contact, guide, region), which, slips_to, tracked
+        )
         event_times[n_events] = t
         event_kinds[n_events] = kind
         n_events += 1
-        if which != 1 and guide == 0:
-            # a force that jumps with the mode may set a stuck plate moving
-            guide = _guide_after(par, t, y, contact, tracked)
     return n_events, n_steps
