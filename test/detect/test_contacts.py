@@ -61,6 +61,13 @@ def test_a_long_push_has_its_reading_for_limits():
         assert contact.impulse == pytest.approx(190, rel=0.01)
 
 
+def test_a_reading_that_begins_in_the_ring_down_has_its_contact_inside():
+    force = reading((0.1, 0.009, 100))[1085:]
+    contacts = find_contacts(force, 0, RULES, PLATE)
+    assert contacts[0].start == 0
+    assert all(c.start < c.end for c in contacts)
+
+
 @pytest.mark.parametrize('plate', [None, PLATE])
 def test_a_weight_that_comes_to_rest_in_the_ring_down_is_a_contact(plate):
     t = np.arange(20_000) / RATE

@@ -222,6 +222,9 @@ def _fit(
         seen = part.size / rules.rate - 0.1 * plate.period
         if fit is None or fit.start + fit.duration > seen:
             continue
+        # Nor can contact begin before there is a reading, or in the contact before.
+        if low + fit.start * rules.rate < begin - 0.02 * period:
+            continue
         peak = float(np.abs(part).max())
         if fit.rms >= 1.3 * max(fit.noise, rules.smoothed_noise / 2) + 0.006 * peak:
             continue
