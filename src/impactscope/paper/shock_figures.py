@@ -72,7 +72,7 @@ def _panels() -> Markup:
 
 
 def _error_curve() -> Markup:
-    ratios = np.geomspace(0.06, 8.0, 220)
+    ratios = np.geomspace(0.06, 8.0, 140)
     lines = []
     for zeta, style in ((0.07, 'main'), (0.3, 'third'), (0.55, 'second'), (1.0, 'grey')):
         values = peak_ratio_map([zeta], ratios)[0]
@@ -129,7 +129,7 @@ def _last(x: Array, excess: Array) -> float:
 
 
 def _map() -> Markup:
-    x_edges, y_edges = np.geomspace(0.1, 10.0, 76), np.linspace(0.0, 1.2, 46)
+    x_edges, y_edges = np.geomspace(0.1, 10.0, 67), np.linspace(0.0, 1.2, 41)
     x, y = np.sqrt(x_edges[1:] * x_edges[:-1]), 0.5 * (y_edges[1:] + y_edges[:-1])
     values = peak_ratio_map(y, x)
     colours = tuple(tuple(_colour(float(v)) for v in line) for line in values)

@@ -98,6 +98,16 @@ class Panel:
     texts: tuple[tuple[float, float, str], ...] = ()  # x, y, words
 
 
+def _extent(values: list[Array], logarithmic: bool) -> tuple[float, float]:
+    """A range that shows all values that the axis can show; never empty."""
+    joined = np.concatenate([*values, np.zeros(0)])
+    shown = joined[np.isfinite(joined) & ((joined > 0) | (not logarithmic))]
+    if logarithmic:
+        low, high = (float(shown.min()), float(shown.max())) if shown.size else (1.0, 10.0)
+        return low / 1.1, high * 1.1
+    return nice_range(float(shown.min()), float(shown.max())) if shown.size else (0.0, 1.0)
+
+
 class _Scale:
     """From values of one axis to pixels."""
 
@@ -105,9 +115,7 @@ class _Scale:
         if axis.range is not None:
             low, high = axis.range
         else:
-            joined = np.concatenate([v[np.isfinite(v)] for v in values] or [np.zeros(1)])
-            low, high = float(joined.min()), float(joined.max())
-            low, high = (low / 1.1, high * 1.1) if axis.logarithmic else nice_range(low, high)
+            low, high = _extent(values, axis.logarithmic)
         self.low, self.high, self.logarithmic = low, high, axis.logarithmic
         self._a, self._b = self._value(low), self._value(high)
         self._start, self._end = start, end
