@@ -32,6 +32,12 @@ def test_what_is_not_printed_stands_alone():
     assert item.standing is Standing.NOT_PRINTED
 
 
+def test_what_noise_makes_is_not_called_different():
+    item = row('3:a', 'q', 'N', '1.14', 0.4, basis=Basis.SIMULATED, comparable=False)
+    assert item.standing is Standing.RECORDING
+    assert item.difference == pytest.approx(-0.74)
+
+
 def test_simulated_rows_say_so():
     assert 'simulated' in row('3:a', 'q', 'Hz', '', 1.0, basis=Basis.SIMULATED).remark
     assert 'simulated' in row('3:a', 'q', 'Hz', '', 1.0, 'by fit', basis=Basis.SIMULATED).remark

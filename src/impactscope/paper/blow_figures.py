@@ -115,9 +115,7 @@ def _blow(orientation: Orientation) -> Markup:
         if c.start < end
     )
     letter = 'a' if vertical else 'b'
-    words = (
-        f'paper: a positive value; weight {rest:.1f}' if vertical else 'paper: final force null'
-    )
+    words = 'paper: positive' if vertical else 'paper: null'
     return draw_figure(
         Figure(
             title=f'Fig. 11{letter}  Blow on the damper, {orientation.value} sensor (simulated)',

@@ -20,7 +20,12 @@ from impactscope.version import __version__
 
 __all__ = ['main', 'to_json']
 
-_STYLE = {Standing.HOLDS: 'green', Standing.DIFFERS: 'bold red', Standing.NOT_PRINTED: ''}
+_STYLE = {
+    Standing.HOLDS: 'green',
+    Standing.DIFFERS: 'bold red',
+    Standing.RECORDING: '',
+    Standing.NOT_PRINTED: '',
+}
 
 
 def to_json(table: list[PaperRow]) -> dict[str, Any]:
@@ -54,6 +59,7 @@ def main(
     counts = Counter(item.standing for item in table)
     console.print(
         f'{len(table)} rows: {counts[Standing.HOLDS]} hold, {counts[Standing.DIFFERS]} differ, '
+        f'{counts[Standing.RECORDING]} depend on recordings that are not public, '
         f'{counts[Standing.NOT_PRINTED]} are not printed in the paper'
     )
     try:

@@ -26,7 +26,6 @@ from impactscope.version import __version__
 
 __all__ = ['difference_text', 'render_paper', 'value_text', 'write_paper']
 
-_BASIS = {Basis.GIVEN: 'given', Basis.EQUATION: 'equation', Basis.SIMULATED: 'simulated'}
 _INDEX = re.compile(r'(?<!\w)([A-Za-zΔζμτω])_([a-z0-9]{1,3})(?![\w])')
 
 
@@ -41,7 +40,6 @@ class _Line:
     paper: str
     computed: str
     difference: str
-    basis: str
     standing: str
     remark: Markup
 
@@ -75,13 +73,12 @@ def _subscripts(text: str) -> Markup:
 def _line(item: PaperRow) -> _Line:
     return _Line(
         item.id,
-        item.section,
+        item.section.replace(' ', '\u00a0'),
         _subscripts(item.quantity),
         '' if item.unit == '1' else item.unit.replace(' ', '\u00a0'),
         item.printed,
         value_text(item),
         difference_text(item),
-        _BASIS[item.basis],
         item.standing.value,
         _subscripts(item.remark),
     )
@@ -135,7 +132,6 @@ def render_paper(parts: dict[str, Sequence[PaperRow]]) -> str:
     """One self-contained HTML page; ``parts`` maps headings to rows, in order."""
     table = [item for part in parts.values() for item in part]
     counts = Counter(item.standing for item in table)
-    simulated = sum(item.basis is Basis.SIMULATED for item in table)
     figures: list[tuple[str, str, list[Markup]]] = [
         ('sensor', 'The sensor: Fig. 6 to 8', sensor_figures()),
         ('contacts', 'Short contacts: Fig. 9 and the better sensor', shock_figures()),
@@ -149,8 +145,8 @@ def render_paper(parts: dict[str, Sequence[PaperRow]]) -> str:
         rows_total=len(table),
         holds=counts[Standing.HOLDS],
         differs=counts[Standing.DIFFERS],
+        recording=counts[Standing.RECORDING],
         not_printed=counts[Standing.NOT_PRINTED],
-        simulated=simulated,
         disagreements=_disagreements(table),
         conclusion=[_subscripts(text) for text in _conclusion()],
         figures=figures,

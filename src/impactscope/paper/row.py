@@ -25,6 +25,7 @@ class Standing(enum.Enum):
 
     HOLDS = 'holds'  # equal to the last printed digit
     DIFFERS = 'differs'
+    RECORDING = 'depends on the recording'  # noise or chance decide; ours is simulated
     NOT_PRINTED = 'not printed'  # the paper gives no number; ours stands alone
 
 
@@ -42,6 +43,7 @@ class PaperRow:
     basis: Basis
     printed: str  # the paper's digits; empty where it prints none
     tolerance: float  # what a difference must exceed to count
+    comparable: bool  # False: the value depends on a recording that is not public
 
     @property
     def difference(self) -> float | None:
@@ -59,6 +61,8 @@ class PaperRow:
         """Whether the computed value confirms the printed one."""
         if self.difference is None:
             return Standing.NOT_PRINTED
+        if not self.comparable:
+            return Standing.RECORDING
         # a rounding error of the last digit must not decide
         inside = abs(self.difference) <= self.tolerance * (1 + 1e-9)
         return Standing.HOLDS if inside else Standing.DIFFERS
@@ -89,11 +93,13 @@ def row(
     *,
     basis: Basis = Basis.EQUATION,
     tolerance: float | None = None,
+    comparable: bool = True,
 ) -> PaperRow:
     """Build a row; ``identity`` is ``section:name``, ``printed`` the paper's digits or ''.
 
     Without ``tolerance`` half a unit of the last printed digit is granted; a given value must
-    agree. The remark of a simulated row says so. Raises InputError for a computed value that is
+    agree. Where it is noise or chance that makes the printed value, ``comparable`` is False. The
+    remark of a simulated row says so. Raises InputError for a computed value that is
     not finite or an identity without section.
     """
     section, colon, name = identity.partition(':')
@@ -102,7 +108,7 @@ def row(
     if not math.isfinite(computed):
         raise InputError(f'row {identity!r}: the computed value is {computed!r}')
     if basis is Basis.SIMULATED and 'simulated' not in remark:
-        remark = f'simulated. {remark}'.strip()
+        remark = f'simulated: {remark}' if remark else 'simulated'
     paper = float(printed) if printed else None
     if tolerance is None:
         decimals = len(printed.partition('.')[2])
@@ -118,4 +124,5 @@ def row(
         basis,
         printed,
         tolerance,
+        comparable,
     )

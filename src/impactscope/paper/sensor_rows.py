@@ -98,6 +98,7 @@ def _modal_rows() -> list[PaperRow]:
             'a linear plate read with 0.4 N of noise scatters far less: the 0.5 % is not noise '
             'of the force channel but a plate, or a blow, that changes',
             basis=simulated,
+            comparable=False,
         ),
     ]
 
@@ -117,6 +118,7 @@ def _fit_rows() -> list[PaperRow]:
             fit.r_squared,
             f'a tap of {TAP_FORCES[0]:.0f} N on a linear plate read with 0.4 N of noise',
             basis=Basis.SIMULATED,
+            comparable=False,
         ),
         row(
             '3.1.1:rmse',
@@ -127,6 +129,7 @@ def _fit_rows() -> list[PaperRow]:
             'only the noise is left; the 1.14 N of the paper is noise or missing physics, and '
             'R² cannot tell which',
             basis=Basis.SIMULATED,
+            comparable=False,
         ),
         row(
             '3.1.1:implied_spread',
@@ -149,6 +152,7 @@ def _fit_rows() -> list[PaperRow]:
                 found.r_squared,
                 f'above the praised value although the model is wrong; RMSE {found.rmse:.2f} N',
                 basis=Basis.SIMULATED,
+                comparable=False,
             ),
             row(
                 f'3.1.1:friction_zeta_{key}',
@@ -158,6 +162,7 @@ def _fit_rows() -> list[PaperRow]:
                 found.damping_ratio.value,
                 f'wrong by {bias:+.0f} %, and it depends on how hard the plate is hit',
                 basis=Basis.SIMULATED,
+                comparable=False,
             ),
         ]
     floor = 1 / spectrum.resolution
@@ -172,7 +177,7 @@ def _fit_rows() -> list[PaperRow]:
             f'(95 %), resolution {spectrum.resolution:.2f} Hz. A peak above f_n is no property '
             'of a damped oscillation; 0.5 Hz is within the resolution of a record below 2 s',
             basis=Basis.SIMULATED,
-            tolerance=2 * spectrum.frequency.std,
+            comparable=False,
         ),
         row(
             '3.1.1:fft_zeta',

@@ -164,7 +164,7 @@ def _map() -> Markup:
                 ),
                 (Mark('y', published.DAMPING_RATIO, "the paper's sensor"),),
                 Cells(x_edges, y_edges, colours),
-                texts=((0.42, 0.98, 'reads too low'), (1.0, 0.2, 'reads too high')),
+                texts=((0.42, 0.75, 'reads too low'), (1.0, 0.2, 'reads too high')),
             ),
         ),
         height=340,

@@ -188,8 +188,7 @@ def _design_rows() -> list[PaperRow]:
                 '',
                 need.largest_plate_mass,
                 f'with ζ = {need.sensor.damping_ratio:.2f} and f_n = '
-                f'{need.sensor.natural_frequency:.0f} Hz: "the mass of the moving plate should '
-                'be limited, and sufficient damping must be present", in numbers',
+                f'{need.sensor.natural_frequency:.0f} Hz',
             ),
             row(
                 f'4:design_mass_undamped_{name}',
@@ -208,7 +207,8 @@ def _design_rows() -> list[PaperRow]:
             '1',
             '',
             damping,
-            'whatever the shortest contact: it scales with the natural period',
+            'whatever the shortest contact. "The mass of the moving plate should be limited", and '
+            '"sufficient damping must be present", in numbers',
         )
     )
     return rows
