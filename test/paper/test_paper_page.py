@@ -28,6 +28,15 @@ def test_command_prints_and_writes(made):
     assert all(isinstance(item['computed'], float) for item in content['rows'])
 
 
+def test_a_narrow_terminal_gets_the_numbers_without_remarks(tmp_path):
+    console = Console(record=True, width=100, file=(tmp_path / 'out.txt').open('w'))
+    assert main(None, None, console) == 0
+    text = console.export_text()
+    assert '50.12' in text
+    assert '…' not in text
+    assert 'it is the sum' not in text.lower()
+
+
 def test_page_draws_every_figure_of_the_paper(made):
     page = (made[1] / 'paper.html').read_text(encoding='utf-8')
     for figure in ('6a', '6b', '6c', '7', '8', '9', '10', '11a', '11b', '12', '13'):

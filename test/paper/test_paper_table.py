@@ -213,6 +213,15 @@ def test_equivalent_mass_is_right_only_while_contact_is_kept(d):
     assert len(pendulum_blow(d).contacts) > 5
 
 
+@pytest.mark.parametrize('d', POSITIONS)
+def test_mass_found_in_the_reading_alone_covers_the_true_one_or_is_refused(d):
+    found = coupled_masses(d).by_reading
+    if found.valid:
+        assert abs(found.mass.value - equivalent_mass(d)) < 2 * found.mass.std
+    else:
+        assert found.reason
+
+
 def test_neglecting_the_loss_of_contact_is_a_bias_that_repeats():
     worst = max((coupled_masses(d) for d in POSITIONS), key=lambda c: abs(c.bias))
     assert abs(worst.bias) > 0.2

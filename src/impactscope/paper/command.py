@@ -20,6 +20,7 @@ from impactscope.version import __version__
 
 __all__ = ['main', 'to_json']
 
+_WIDE = 130  # columns of a terminal from which on the remarks fit beside the numbers
 _STYLE = {
     Standing.HOLDS: 'green',
     Standing.DIFFERS: 'bold red',
@@ -54,8 +55,11 @@ def main(
         if progress is not None:
             progress(done / (len(PARTS) + (report is not None)))
     table = [item for part in parts.values() for item in part]
+    wide = console.width >= _WIDE
     for heading, part in parts.items():
-        console.print(_printed(heading, part))
+        console.print(_printed(heading, part, remarks=wide))
+    if not wide:
+        console.print(f'remarks: on a terminal of {_WIDE} columns, in the JSON and on the page')
     counts = Counter(item.standing for item in table)
     console.print(
         f'{len(table)} rows: {counts[Standing.HOLDS]} hold, {counts[Standing.DIFFERS]} differ, '
@@ -77,24 +81,25 @@ def main(
     return 0
 
 
-def _printed(heading: str, part: list[PaperRow]) -> Table:
+def _printed(heading: str, part: list[PaperRow], *, remarks: bool) -> Table:
     table = Table(title=escape(heading), title_justify='left', title_style='bold', expand=False)
     table.add_column('where', no_wrap=True)
     table.add_column('quantity', min_width=20, ratio=3)
     table.add_column('unit', no_wrap=True)
     for name in ('paper', 'computed', 'difference'):
         table.add_column(name, justify='right', no_wrap=True)
-    table.add_column('remark', min_width=20, ratio=4)
+    if remarks:
+        table.add_column('remark', min_width=20, ratio=4)
     for item in part:
         style = _STYLE[item.standing]
         difference = difference_text(item)
-        table.add_row(
+        cells = [
             escape(item.section),
             escape(item.quantity),
             '' if item.unit == '1' else escape(item.unit),
             item.printed,
             value_text(item),
             f'[{style}]{difference}[/]' if style and difference else difference,
-            escape(item.remark),
-        )
+        ]
+        table.add_row(*cells, *([escape(item.remark)] if remarks else []))
     return table

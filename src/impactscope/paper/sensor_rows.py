@@ -301,7 +301,8 @@ def _response_rows() -> list[PaperRow]:
             's',
             '0.01',
             tau,
-            'printed as 2/203 Hz: 203 is rad/s. It is the time constant of a sensor with ζ = 1',
+            'printed as 2/203 Hz: 203 is rad/s. It is the sum of the two time constants that a '
+            'sensor with ζ = 1 has',
         ),
         row(
             '3.1.1:decay_time',
