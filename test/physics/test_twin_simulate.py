@@ -271,7 +271,7 @@ def test_energy_never_appears_from_nowhere(data):
     balance, start = result.energy_balance, result.energy[0]
     assert np.ptp(balance) < 1e-5 * (start + np.abs(result.rows[:, at.DONE_WORK]).max())
     lost = result.rows[:, at.LOST_ENERGY]
-    if 'stiffening_damper' in names:  # part of what its branches store is booked as lost
+    if 'stiffening_damper' in names:  # what it stores is booked as lost until given back
         assert lost.min() > -1e-7 * (start + 1e-3)
     else:
         assert np.diff(lost).min() > -1e-7 * (start + 1e-3)

@@ -303,10 +303,8 @@ def derivative(par: Array, t: float, y: Array, contact: int, guide: int, dy: Arr
     if contact == at.CLOSED:
         approach = y[at.VP] - y[at.V]
         if par[at.HAS_LAYER] > 0.0:
-            # what stiffening adds to the branches' forces is booked here, to the spring's stored
+            # what stiffening adds is booked here while the layer is pressed, and given back
             kept = _layer_force(par, y, u)
-            beyond = stiffening_factor(par[at.LAYER_STIFFENING], u) - 1.0
-            kept += beyond * par[at.LAYER_STIFFNESS] * u
         else:
             size = par[at.CONTACT_STIFFNESS] * abs(u) ** par[at.CONTACT_EXPONENT]
             kept = math.copysign(size, u)
@@ -376,8 +374,7 @@ def energy(par: Array, y: Array, contact: int) -> float:
         total += 0.5 * par[at.FLEXURE_STIFFNESS] * (y[at.P] - y[at.Q]) ** 2
     if par[at.HAS_LAYER] > 0.0:
         u = y[at.P] - y[at.X] if contact == at.CLOSED else free_compression(par, y)
-        beyond = stiffening_factor(par[at.LAYER_STIFFENING], u) - 1.0
-        total += par[at.LAYER_STIFFNESS] * u**2 * (0.5 + beyond / 3.0)
+        total += 0.5 * par[at.LAYER_STIFFNESS] * u**2
         for i in range(int(par[at.BRANCHES])):
             total += 0.5 * par[at.BRANCH + 2 * i] * (u - y[at.Z + i]) ** 2
     elif contact == at.CLOSED:
