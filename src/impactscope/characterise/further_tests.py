@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.errors import InputError
 from impactscope.estimate.damper_test import DamperTest, LayerTest, rank_further_tests
 from impactscope.physics.damper_layer import DamperLayer, MaxwellBranch, cyclic_ramp
 
@@ -33,10 +34,11 @@ def rank_for_impact(found: DamperTest, time: Array, displacement: Array) -> list
     """Candidates, best first, if a branch that relaxes within an impact is there unseen.
 
     ``time`` s and ``displacement`` m, shape (n_samples,), of the test made, from which ``found``
-    comes. Uncertainties are Cramér-Rao bounds; infinite: the test leaves it open. ``found`` must
-    be valid.
+    comes. Uncertainties are Cramér-Rao bounds; infinite: the test leaves it open. Raises
+    InputError where ``found`` is not valid.
     """
-    assert found.layer is not None  # noqa: S101
+    if found.layer is None:
+        raise InputError(f'a layer that was not identified cannot be ranked: {found.reason}')
     layer = found.layer
     stiffness = _SHARE * layer.instantaneous_stiffness
     quick = MaxwellBranch(stiffness, stiffness * _QUICK_TIME)
