@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from impactscope.estimate.stiffness_test import split_strokes
-from impactscope.paper.damper_rows import PAPER_PEAK_FORCE, damper_fit
+from impactscope.paper.damper_rows import PAPER_PEAK_FORCE, damper_fit, unseen_force
 from impactscope.paper.recordings import damper_test
 from impactscope.physics.damper_layer import PAPER_LAYER_SH10
 from impactscope.physics.twin.bench import IMPACT_RATE_LAYER
@@ -44,8 +44,8 @@ def _hysteresis() -> Markup:
         ),
         height=320,
         caption=(
-            "By the paper's own constants the force at 4 mm is 166 N. The indenter cannot pull: "
-            'near zero it leaves the layer, which recovers over seconds.',
+            f"By the paper's constants the force at 4 mm is {test.true_force.max():.0f} N. The "
+            'indenter cannot pull: near zero it leaves the layer, which recovers over seconds.',
         ),
     )
 
@@ -108,7 +108,8 @@ def _rates() -> Markup:
         columns=2,
         height=250,
         caption=(
-            'Both layers give the same cyclic test at 10 mm/min within 0.2 N. The branches at '
-            'impact rate are an assumption; only a test at impact rate can replace them.',
+            'Both layers give the same cyclic test at 10 mm/min within '
+            f'{unseen_force():.1f} N. The branches at impact rate are an assumption; only a test '
+            'at impact rate can replace them.',
         ),
     )

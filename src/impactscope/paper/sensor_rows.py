@@ -137,7 +137,7 @@ def _fit_rows() -> list[PaperRow]:
             'N',
             '',
             spread,
-            'RMSE/√(1 - R²): a gentle tap, of 20 to 30 N at first',
+            'RMSE/√(1 - R²): of a gentle tap',
         ),
     ]
     for key, recording, words in (('soft', soft, TAP_FORCES[0]), ('hard', hard, 300.0)):
@@ -236,7 +236,7 @@ def _spring_rows() -> list[PaperRow]:
             '1',
             '',
             k / 75e3,
-            '8 % softer than nominal: with 75 N/mm the mass would come out 8.7 % too large',
+            f'with 75 N/mm the mass would come out {100 * (75e3 / k - 1):.1f} % too large',
         ),
         row('3.1.1:mass', 'mass of the moving plate k/ω_n²', 'kg', '1.67', k / wn**2),
         row(
@@ -310,6 +310,6 @@ def _response_rows() -> list[PaperRow]:
             's',
             '0.01',
             sensor.decay_time,
-            'what the reading takes to settle: seven times τ',
+            f'what the reading takes to settle: {sensor.decay_time / tau:.0f} times τ',
         ),
     ]
