@@ -80,7 +80,10 @@ def run_graph(
     arrivals: dict[int, float] = {}
     options = BenchOptions(
         drivers={'force_driver': common, 'accelerometer_driver': common},
-        stages={'synchroniser': {'channels': channels, 'mirror_rate': 200.0}},
+        stages={
+            'synchroniser': {'channels': channels, 'mirror_rate': 200.0},
+            'fitter': {'spring_stiffness': 69_000.0, 'spring_stiffness_std': 500.0},
+        },
         serve_test_points=False,
     )
     process = psutil.Process()
@@ -91,7 +94,8 @@ def run_graph(
         bench.collector.on_verdict = on_verdict
         started, cpu = time.time(), sum(process.cpu_times()[:2])
         bench.wait_until_ended(timeout=600.0)
-        wall = time.time() - max(started, start_at)
+        # At rate 0 the pace knows no start time.
+        wall = time.time() - (max(started, start_at) if rate else started)
         used = sum(process.cpu_times()[:2]) - cpu
         bench.finish()
         delays = []

@@ -10,6 +10,9 @@ from pathlib import Path
 
 __all__ = ['describe']
 
+# As the executables do: all matrices are small, and threads would only wait for each other.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
 
 def describe() -> str:
     """One line: processor, cores, load, versions."""

@@ -47,7 +47,7 @@ def generate_launch_description():
             ),
             DeclareLaunchArgument(
                 'bag',
-                default_value=PathJoinSubstitution([share, 'bags', 'simulated_hand.mcap']),
+                default_value=PathJoinSubstitution([share, 'bags', 'simulated_hand_pass.mcap']),
                 description='recording to play',
             ),
             DeclareLaunchArgument(

@@ -43,7 +43,7 @@ def generate_launch_description():
                 description='parameters of all nodes of the bench',
             ),
             DeclareLaunchArgument(
-                'campaign', default_value='hand', description='which blows are simulated'
+                'campaign', default_value='hand_pass', description='which blows are simulated'
             ),
             DeclareLaunchArgument('seed', default_value='1', description='of the noise'),
             IncludeLaunchDescription(

@@ -5,6 +5,7 @@ import os
 from hypothesis import settings
 
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
 
 # The first call of a compiled function takes longer than any deadline.

@@ -42,7 +42,7 @@ app = typer.Typer(
         'Live impact testing of collaborative robots: record the blow, identify the sensor, '
         'judge against contact limits.\n\n'
         'Start with [bold]impactscope demo[/bold], or analyse a recording: '
-        '[bold]impactscope analyse bags/simulated_hand.mcap --report report.html[/bold].\n\n'
+        '[bold]impactscope analyse bags/simulated_hand_pass.mcap --report report.html[/bold].\n\n'
         'Exit codes: 0 passed or done, 1 failed, 2 wrong usage, 3 unreadable recording, '
         '4 invalid, 5 incomplete. It measures and judges; it is not a safety function and never '
         'commands a robot.'
@@ -212,12 +212,14 @@ def live(
         on_result=_print_blow,
         on_test_point=_print_test_point,
     )
-    raise typer.Exit(_conclude(result, json_file, report))
+    raise typer.Exit(_conclude(result, json_file, report, test_points=False))
 
 
 @app.command()
 def simulate(
-    campaign: Annotated[str, typer.Argument(help='Name of the campaign; see --list.')] = 'hand',
+    campaign: Annotated[
+        str, typer.Argument(help='Name of the campaign; see --list.')
+    ] = 'hand_pass',
     output: Annotated[
         Path | None, typer.Option('--output', '-o', help='MCAP file to write.')
     ] = None,
@@ -340,7 +342,7 @@ def demo(
 
     for title, result, report in run_demo(output, _print_blow, _print_test_point):
         out.rule(escape(title))
-        _print_summary(result)
+        _print_summary(result, test_points=False)
         out.print(f'report: [bold]{escape(str(report))}[/bold]')
 
 
@@ -429,8 +431,8 @@ def _print_test_point(verdict: ComplianceVerdict) -> None:
     )
 
 
-def _print_summary(result: AnalysisResult) -> None:
-    for verdict in result.test_points:
+def _print_summary(result: AnalysisResult, *, test_points: bool = True) -> None:
+    for verdict in result.test_points if test_points else ():
         _print_test_point(verdict)
     for note in result.notes:
         out.print(f'note: {escape(note)}')
@@ -441,8 +443,14 @@ def _print_summary(result: AnalysisResult) -> None:
     )
 
 
-def _conclude(result: AnalysisResult, json_file: Path | None, report: Path | None) -> int:
-    _print_summary(result)
+def _conclude(
+    result: AnalysisResult,
+    json_file: Path | None,
+    report: Path | None,
+    *,
+    test_points: bool = True,
+) -> int:
+    _print_summary(result, test_points=test_points)
     if json_file is not None:
         from impactscope.report.json_results import to_json
 

@@ -28,6 +28,8 @@ __all__ = [
 
 T = TypeVar('T')
 
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times faster where it is there
+
 
 @cache
 def config_folder() -> Path:
@@ -51,7 +53,7 @@ def bags_folder() -> Path:
 def load_yaml(path: Path | str) -> Any:
     """Parse a YAML file; raises ConfigurationError that says where it cannot be read."""
     try:
-        return yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+        return yaml.load(Path(path).read_text(encoding='utf-8'), _LOADER)  # noqa: S506 - a safe one
     except OSError as error:
         raise ConfigurationError(f'{path} cannot be read: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from impactscope.analysis import AnalysisSettings, load_settings, summarise, with_channels
-from impactscope.configuration import bags_folder
-from impactscope.drivers.simulated import campaign_channels, simulated_items
+from impactscope.configuration import bags_folder, config_folder
 from impactscope.inputs import channel_order, inputs_of, scan_channels
 from impactscope.nodes.graph import Bench, BenchOptions
 from impactscope.recordings import file_sha256, open_recording
@@ -145,6 +144,8 @@ def run_live(
     common: dict[str, Any] = {'wait_for_subscribers': ('synced', 'events')}
     stages: dict[str, dict[str, Any]] = {}
     if campaign:
+        from impactscope.drivers.simulated import campaign_channels, simulated_items
+
         simulated_items(campaign, seed=seed)  # before the bench starts: both devices share it
         common |= {
             'start_at': time.time() + START_DELAY,
@@ -200,6 +201,7 @@ def run_demo(
     ):
         target = folder / f'demo_{campaign}.mcap'
         result = run_live(
+            params_file=config_folder() / 'bench.yaml',
             campaign=campaign,
             record_to=target,
             on_result=on_result,

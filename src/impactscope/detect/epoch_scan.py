@@ -473,18 +473,22 @@ class EpochScan:
         if start < max(opening.trigger, self._begin):
             return None
         powers = np.empty(layout.scales.size + 1)
-        _, largest = kernels.rest_statistics(
-            self._history.values[layout.row],
-            self._history.column(start),
-            layout.stride,
-            hops * layout.hop,
-            layout.scales,
-            opening.sigma,
-            self.settings.threshold,
-            powers,
-        )
-        calm = bool((powers <= REST_POWER * opening.sigma**2).all())
-        return start if calm and largest <= self.settings.release else None
+        # Most of a ring-down is told from rest by its power alone, before any averaging.
+        for scales in (layout.scales[:0], layout.scales):
+            found = powers[: scales.size + 1]
+            _, largest = kernels.rest_statistics(
+                self._history.values[layout.row],
+                self._history.column(start),
+                layout.stride,
+                hops * layout.hop,
+                scales,
+                opening.sigma,
+                self.settings.threshold,
+                found,
+            )
+            if not (found <= REST_POWER * opening.sigma[: found.size] ** 2).all():
+                return None
+        return start if largest <= self.settings.release else None
 
     def _restless(self, start: int) -> list[int]:
         """Rows beside the trigger that are not back at their noise; all where it is not known."""

@@ -60,6 +60,8 @@ class Collector(StageNode):
             if self._on_test_point is not None:
                 self._on_test_point(record)
             return
+        if isinstance(record, ComplianceVerdict) and self.on_verdict is not None:
+            self.on_verdict(record)
         number = record.event_ids[0] if isinstance(record, ComplianceVerdict) else record.event_id
         parts = self._parts.setdefault(number, {})
         parts[type(record)] = record

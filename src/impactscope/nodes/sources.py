@@ -11,7 +11,6 @@ from rclpy.node import Node
 from impactscope.drivers.pace import Pace
 from impactscope.drivers.playback import Playback
 from impactscope.drivers.recorded import recorded_items
-from impactscope.drivers.simulated import simulated_items
 from impactscope.drivers.source import Source
 from impactscope.errors import ConfigurationError
 from impactscope.nodes.parameters import declare
@@ -31,7 +30,7 @@ def declare_options(node: Node) -> dict[str, Any]:
 
     add('start_at', 0.0, 'Unix time at which data begins [s]; 0: at activation', low=0.0)
     add('publish_test_points', False, 'publish the test points that the source knows')
-    add('simulated.campaign', 'hand', 'which blows the simulated bench gives')
+    add('simulated.campaign', 'hand_pass', 'which blows the simulated bench gives')
     add('simulated.seed', 1, 'of the noise', low=0)
     add('simulated.block_duration', 0.02, 'of one block [s]', low=1e-4, high=1.0)
     add('simulated.sample_rate', 0.0, "of every channel [Hz]; 0: the campaign's own", low=0.0)
@@ -47,6 +46,8 @@ def make(kind: str, options: Mapping[str, Any], wants: Callable[[str], bool]) ->
     """The source of a kind; raises ConfigurationError for an unknown kind or a wrong option."""
     start_ns = round(options['start_at'] * NANOSECONDS)
     if kind == 'simulated':
+        from impactscope.drivers.simulated import simulated_items  # compiled: only where needed
+
         items = simulated_items(
             options['simulated.campaign'],
             seed=options['simulated.seed'],

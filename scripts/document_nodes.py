@@ -1,0 +1,93 @@
+#!/usr/bin/env python3
+"""Writes docs/nodes.md from the nodes themselves: topics, services, parameters as declared."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.parameter import Parameter
+
+from impactscope.nodes.main import NODES
+from impactscope.nodes.topics import TOPICS
+
+HEAD = """# Nodes
+
+Written by `scripts/document_nodes.py` from the nodes themselves; `ros2 param describe` says the
+same of a running node. All names are relative: they live in the bench's namespace and can be
+remapped. `config/bench.yaml` sets the ones that a bench is likely to change.
+
+## Topics of a bench
+
+| topic | type | reliability | history | latched |
+|---|---|---|---|---|
+"""
+KINDS = {1: 'bool', 2: 'integer', 3: 'number', 4: 'text', 9: 'texts', 8: 'numbers', 7: 'integers'}
+
+
+def topics() -> str:
+    """The table of topics."""
+    rows = [
+        f'| `{name}` | `{topic.type.__name__}` | '
+        f'{topic.profile.reliability.name.lower().replace("_", " ")} | '
+        f'{topic.profile.depth} | {"yes" if topic.is_latched else ""} |'
+        for name, topic in TOPICS.items()
+    ]
+    rows.append('| `mirror/<channel>` | `WrenchStamped` or `AccelStamped` | best effort | 100 | |')
+    rows.append('| `/diagnostics` | `DiagnosticArray` | reliable | 50 | |')
+    return HEAD + '\n'.join(rows) + '\n'
+
+
+def parameters(node: Any) -> str:
+    """The table of a node's parameters."""
+    rows = ['| parameter | type | default | meaning |', '|---|---|---|---|']
+    names = sorted(
+        name
+        for name in node._parameters  # noqa: SLF001 - rclpy lists them nowhere else
+        if not name.startswith(('qos_overrides', 'use_sim_time', 'start_type'))
+    )
+    for name in names:
+        value, descriptor = node.get_parameter(name).value, node.describe_parameter(name)
+        shown = ', '.join(value) if isinstance(value, list) else value
+        text = descriptor.description.replace('|', '\\|')
+        limits = [
+            f' [from {item.from_value:g}]'
+            for item in (*descriptor.floating_point_range, *descriptor.integer_range)
+        ]
+        rows.append(
+            f'| `{name}` | {KINDS.get(descriptor.type, "?")} | {shown!s} | '
+            f'{text}{"".join(limits)} |'
+        )
+    return '\n'.join(rows) + '\n'
+
+
+def document() -> str:
+    """The whole page."""
+    rclpy.init()
+    parts = [topics()]
+    unused = tempfile.mktemp(suffix='.mcap')  # noqa: S306 - the recorder makes it itself
+    try:
+        for name, (module, kind) in NODES.items():
+            code = importlib.import_module(f'impactscope.nodes.{module}')
+            overrides = [Parameter('autostart', value=False)] if 'driver' in name else []
+            if name == 'recorder':
+                overrides = [Parameter('path', value=unused)]
+            node = getattr(code, kind)(parameter_overrides=overrides)
+            said = (code.__doc__ or '').partition('Node: ')[2].strip()
+            parts.append(f'\n## {name}\n\n{said[:1].upper()}{said[1:]}\n\n{parameters(node)}')
+            node.destroy_node()
+    finally:
+        rclpy.shutdown()
+    Path(unused).unlink()
+    return ''.join(parts).replace(unused, '').replace(
+        '| False | configure', '| True | configure'
+    )
+
+
+if __name__ == '__main__':
+    target = Path(sys.argv[1] if len(sys.argv) > 1 else 'docs/nodes.md')
+    target.write_text(document(), encoding='utf-8')
