@@ -14,7 +14,7 @@ import sys
 import time
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -33,6 +33,9 @@ from impactscope.records import (
     Verdict,
 )
 from impactscope.version import __version__
+
+if TYPE_CHECKING:
+    from impactscope.recordings import ColumnMapping
 
 __all__ = ['app', 'main']
 
@@ -100,6 +103,45 @@ Inputs = Annotated[
     typer.Option(
         '--input',
         help="Topic of stamped samples, as 'wrench /ft/wrench force.z force'. May be repeated.",
+    ),
+]
+
+
+MappingFile = Annotated[
+    Path | None, typer.Option('--mapping', help='YAML file that maps columns to channels.')
+]
+Channels = Annotated[
+    list[str] | None,
+    typer.Option(
+        '--channel', help="Channel as 'name=column:unit', such as force=1:N. May be repeated."
+    ),
+]
+TimeColumn = Annotated[
+    str, typer.Option('--time-column', help="Column of time as 'column:unit', such as 0:s.")
+]
+SampleRate = Annotated[
+    float | None,
+    typer.Option('--sample-rate', help='Hz, where there is no column of time.', min=0.0),
+]
+SkipRows = Annotated[
+    int | None,
+    typer.Option('--skip-rows', help='Header rows to skip; found if not given.', min=0),
+]
+StaticFile = Annotated[
+    Path,
+    typer.Argument(help='Recording, or a file of columns, with force and displacement.'),
+]
+Touch = Annotated[
+    float, typer.Option('--touch', help='Displacement at which the force begins, mm.')
+]
+ForceUncertainty = Annotated[
+    float,
+    typer.Option('--force-uncertainty', help='Standard, of the calibration, relative.', min=0.0),
+]
+DisplacementUncertainty = Annotated[
+    float,
+    typer.Option(
+        '--displacement-uncertainty', help='Standard, of the calibration, relative.', min=0.0
     ),
 ]
 
@@ -225,7 +267,7 @@ def simulate(
     ] = None,
     seed: Annotated[int, typer.Option(help='Of the noise.', min=0)] = 1,
     sample_rate: Annotated[
-        float, typer.Option(help="Of every channel [Hz]; 0: the campaign's own.", min=0.0)
+        float, typer.Option(help="Of every channel, Hz; 0: the campaign's own.", min=0.0)
     ] = 0.0,
     list_campaigns: Annotated[bool, typer.Option('--list', help='List the campaigns.')] = False,
 ) -> None:
@@ -281,22 +323,11 @@ def info(
 def convert(
     source: Annotated[Path, typer.Argument(help='CSV, NumPy or MATLAB file.')],
     destination: Annotated[Path | None, typer.Argument(help='MCAP file to write.')] = None,
-    mapping: Annotated[
-        Path | None, typer.Option(help='YAML file that maps columns to channels.')
-    ] = None,
-    channel: Annotated[
-        list[str] | None,
-        typer.Option(help="Channel as 'name=column:unit', such as force=1:N. May be repeated."),
-    ] = None,
-    time_column: Annotated[
-        str, typer.Option(help="Column of time as 'column:unit', such as 0:s.")
-    ] = '',
-    sample_rate: Annotated[
-        float | None, typer.Option(help='Hz, where there is no column of time.', min=0.0)
-    ] = None,
-    skip_rows: Annotated[
-        int | None, typer.Option(help='Header rows to skip; found if not given.', min=0)
-    ] = None,
+    mapping: MappingFile = None,
+    channel: Channels = None,
+    time_column: TimeColumn = '',
+    sample_rate: SampleRate = None,
+    skip_rows: SkipRows = None,
     transpose: Annotated[bool, typer.Option(help='Channels are rows, not columns.')] = False,
     overwrite: Annotated[bool, typer.Option(help='Replace an existing recording.')] = False,
 ) -> None:
@@ -310,17 +341,10 @@ def convert(
         for line in recordings.describe(source, skip_rows=skip_rows, transpose=transpose):
             out.print(escape(line))
         return
-    if mapping is not None:
-        columns = recordings.ColumnMapping.from_yaml(mapping)
-    else:
-        column, _, unit = time_column.rpartition(':')
-        columns = recordings.ColumnMapping.from_strings(
-            channel or [],
-            time=_column(column),
-            time_unit=unit or 's',
-            sample_rate=sample_rate,
-            skip_rows=skip_rows,
-            transpose=transpose,
+    columns = _mapping(mapping, channel, time_column, sample_rate, skip_rows, transpose=transpose)
+    if columns is None:
+        raise ConfigurationError(
+            'name the channels: --channel name=column:unit, or --mapping FILE'
         )
     made = recordings.convert(source, destination, columns, overwrite=overwrite)
     out.print(
@@ -329,6 +353,104 @@ def convert(
     )
     if made.quality:
         out.print(f'quality flags: {", ".join(str(flag.name) for flag in made.quality)}')
+
+
+@app.command()
+def paper(json_file: Json = None, report: Report = None) -> None:
+    """Every number of the paper computed anew beside the printed one; its figures redrawn."""
+    from impactscope.paper import main as run
+
+    with _progress('computing the paper') as advance:
+        code = run(json_file, report, out, advance)
+    raise typer.Exit(code)
+
+
+characterise_app = typer.Typer(
+    no_args_is_help=True,
+    help='Constants of a spring or a damper layer from its test on a compression machine.',
+)
+app.add_typer(characterise_app, name='characterise')
+
+
+@characterise_app.command()
+def spring(
+    file: StaticFile,
+    mapping: MappingFile = None,
+    channel: Channels = None,
+    time_column: TimeColumn = '',
+    sample_rate: SampleRate = None,
+    skip_rows: SkipRows = None,
+    touch: Touch = 0.0,
+    force_uncertainty: ForceUncertainty = 0.005,
+    displacement_uncertainty: DisplacementUncertainty = 0.005,
+    tolerance: Annotated[
+        float, typer.Option(help='Of linearity: share of the largest force.', min=0.0)
+    ] = 0.01,
+    frequency: Annotated[
+        float | None, typer.Option(help='Natural frequency, Hz, for the moving mass.', min=0.0)
+    ] = None,
+    frequency_std: Annotated[
+        float, typer.Option(help='Its standard uncertainty, Hz.', min=0.0)
+    ] = math.nan,
+    json_file: Json = None,
+    report: Report = None,
+) -> None:
+    """Stiffness, linearity and hysteresis of a spring from a compression test.
+
+    Example: impactscope characterise spring test.csv --time-column 0:s --channel force=2:N
+    --channel displacement.crosshead=1:mm
+    """
+    from impactscope.characterise import main as run
+
+    code = run(
+        'spring',
+        file,
+        out,
+        mapping=_mapping(mapping, channel, time_column, sample_rate, skip_rows),
+        touch=1e-3 * touch,
+        force_uncertainty=force_uncertainty,
+        displacement_uncertainty=displacement_uncertainty,
+        tolerance=tolerance,
+        frequency=None if frequency is None else Estimate(frequency, frequency_std),
+        json_file=json_file,
+        report=report,
+    )
+    raise typer.Exit(code)
+
+
+@characterise_app.command()
+def damper(
+    file: StaticFile,
+    mapping: MappingFile = None,
+    channel: Channels = None,
+    time_column: TimeColumn = '',
+    sample_rate: SampleRate = None,
+    skip_rows: SkipRows = None,
+    touch: Touch = 0.0,
+    force_uncertainty: ForceUncertainty = 0.005,
+    displacement_uncertainty: DisplacementUncertainty = 0.005,
+    branches: Annotated[
+        int, typer.Option(help='Maxwell branches; 0: as many as the data supports.', min=0, max=6)
+    ] = 1,
+    json_file: Json = None,
+    report: Report = None,
+) -> None:
+    """Stiffness and damping constants of a damper layer from cyclic ramps."""
+    from impactscope.characterise import main as run
+
+    code = run(
+        'damper',
+        file,
+        out,
+        mapping=_mapping(mapping, channel, time_column, sample_rate, skip_rows),
+        touch=1e-3 * touch,
+        force_uncertainty=force_uncertainty,
+        displacement_uncertainty=displacement_uncertainty,
+        branches=branches,
+        json_file=json_file,
+        report=report,
+    )
+    raise typer.Exit(code)
 
 
 @app.command()
@@ -346,10 +468,31 @@ def demo(
         out.print(f'report: [bold]{escape(str(report))}[/bold]')
 
 
-def _column(text: str) -> str | int | None:
-    if not text:
+def _mapping(
+    file: Path | None,
+    channels: list[str] | None,
+    time_column: str,
+    sample_rate: float | None,
+    skip_rows: int | None,
+    *,
+    transpose: bool = False,
+) -> ColumnMapping | None:
+    """The mapping of a file of columns as given; None where nothing was."""
+    from impactscope.recordings import ColumnMapping
+
+    if file is not None:
+        return ColumnMapping.from_yaml(file)
+    if not channels:
         return None
-    return int(text) if text.isdecimal() else text
+    column, _, unit = time_column.rpartition(':')
+    return ColumnMapping.from_strings(
+        channels,
+        time=(int(column) if column.isdecimal() else column) if column else None,
+        time_unit=unit or 's',
+        sample_rate=sample_rate,
+        skip_rows=skip_rows,
+        transpose=transpose,
+    )
 
 
 def _test_point(region: str, contact: Contact | None) -> TestPoint | None:

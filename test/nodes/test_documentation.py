@@ -2,7 +2,7 @@ import importlib.util
 import re
 import tomllib
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 import pytest
 
@@ -21,7 +21,7 @@ def test_the_page_of_nodes_is_what_the_nodes_say():
 
 
 def test_versions_agree():
-    package = ElementTree.parse(ROOT / 'package.xml').findtext('version')
+    package = ET.parse(ROOT / 'package.xml').findtext('version')
     project = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))['project']
     assert package == project['version'] == __version__
 
