@@ -1,0 +1,122 @@
+"""Campaigns on disk: a folder with ``campaign.yaml`` and recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from impactscope.discrepancy.answer import Answer
+from impactscope.discrepancy.campaign import (
+    BaselineItem,
+    Campaign,
+    ChannelSamples,
+    parse_campaign,
+)
+from impactscope.discrepancy.explain import explain
+from impactscope.errors import ConfigurationError, RecordingError
+from impactscope.inputs import inputs_of, recorded_items
+from impactscope.recordings import open_recording
+from impactscope.records import NANOSECONDS, SampleBlock
+
+__all__ = ['CAMPAIGN_FILE', 'explain_folder', 'load_campaign', 'read_channels', 'save_model']
+
+CAMPAIGN_FILE = 'campaign.yaml'
+
+
+def _description(path: Path) -> tuple[Path, Any]:
+    file = path / CAMPAIGN_FILE if path.is_dir() else path
+    try:
+        text = file.read_text(encoding='utf-8')
+    except OSError as error:
+        raise ConfigurationError(
+            f'campaign: {file.name!r} cannot be read: {error.strerror}'
+        ) from error
+    try:
+        return file.parent, yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigurationError(f'campaign: {file.name!r} is not YAML: {error}') from error
+
+
+def read_channels(path: Path | str) -> dict[str, ChannelSamples]:
+    """All channels of a recording as arrays; times start at the earliest channel's first sample.
+
+    Lost samples become NaN. Raises RecordingError where the recording cannot be read or a
+    channel changes its rate.
+    """
+    blocks: dict[str, list[SampleBlock]] = {}
+    with open_recording(path, tolerate_damage=True) as recording:
+        for item in recorded_items(recording, inputs_of(recording)):
+            if isinstance(item, SampleBlock) and not item.is_end:
+                blocks.setdefault(item.channel, []).append(item)
+    origin = min((b[0].stamp_ns for b in blocks.values()), default=0)
+    return {name: _joined(name, parts, origin, Path(path).name) for name, parts in blocks.items()}
+
+
+def _joined(name: str, blocks: Sequence[SampleBlock], origin_ns: int, file: str) -> ChannelSamples:
+    first = blocks[0]
+    if any(b.sample_rate != first.sample_rate or b.epoch != first.epoch for b in blocks):
+        raise RecordingError(f'{file!r}: channel {name!r} changes its rate or starts anew')
+    begin = min(b.first_index for b in blocks)
+    length = max(b.first_index + b.values.size for b in blocks) - begin
+    if length > 50_000_000:
+        raise RecordingError(f'{file!r}: channel {name!r} is too long for a campaign: {length}')
+    values = np.full(length, np.nan)
+    for block in blocks:
+        at = block.first_index - begin
+        values[at : at + block.values.size] = block.values
+    earliest = min(blocks, key=lambda b: b.first_index)
+    return ChannelSamples(
+        name,
+        first.unit,
+        first.sample_rate,
+        (earliest.stamp_ns - origin_ns) / NANOSECONDS,
+        values,
+        first.range_min,
+        first.range_max,
+    )
+
+
+def load_campaign(path: Path | str, *, samples: bool = True) -> Campaign:
+    """A campaign from its folder (or its file), with the samples of its recordings.
+
+    Raises ConfigurationError for what is wrong in the file, RecordingError for recordings.
+    """
+    folder, data = _description(Path(path))
+    campaign = parse_campaign(data, folder.resolve().name)
+    if not samples:
+        return campaign
+
+    def load(file: str) -> dict[str, ChannelSamples]:
+        target = (folder / file).resolve()
+        if not target.is_relative_to(folder.resolve()):
+            raise ConfigurationError(f'{campaign.name}: {file!r} lies outside of the campaign')
+        return read_channels(target)
+
+    return campaign.with_samples(load)
+
+
+def explain_folder(
+    path: Path | str,
+    progress: Callable[[float, str], None] | None = None,
+    *,
+    baseline: Sequence[BaselineItem | str] | None = None,
+) -> Answer:
+    """What the recordings in a folder show that the simulation leaves out.
+
+    ``progress`` is called with the share that is done, 0 to 1, and what is being done.
+    """
+    if progress is not None:
+        progress(0.0, 'reading')
+    return explain(load_campaign(path), baseline, progress)
+
+
+def save_model(path: Path | str, answer: Answer, target: Path | str) -> None:
+    """Write ``campaign.yaml`` anew with the extended model as its baseline."""
+    _, data = _description(Path(path))
+    model = answer.to_json()['model']
+    data['baseline'] = model.get('baseline', data.get('baseline', []))
+    Path(target).write_text(yaml.safe_dump(data, sort_keys=False), encoding='utf-8')

@@ -1,0 +1,142 @@
+"""When evidence is enough: rules that every search for missing physics shares.
+
+A candidate with k further parameters lowers chi-square by ``gain``. By Wilks' theorem the gain of
+a superfluous candidate is distributed as chi-square with k degrees of freedom; among many
+candidates the best gain is larger, which the number of independent looks accounts for. The
+ranking uses the Bayesian information criterion with the prior over models that makes up for the
+number of candidates (Chen and Chen, Biometrika 95, 2008). Regions are controlled for false
+discoveries after Benjamini and Hochberg (J. R. Stat. Soc. B 57, 1995).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+__all__ = [
+    'Thresholds',
+    'family_p_value',
+    'first_discoveries',
+    'information',
+    'is_white',
+    'least_gain',
+    'noise_std',
+    'probabilities',
+    'quantisation_step',
+    'spread_p_value',
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Thresholds:
+    """The few numbers on which decisions rest; the same for every campaign."""
+
+    false_finding: float = 0.003  # chance of a finding in a campaign where nothing is missing
+    false_region: float = 0.01  # share of false regions among those that are named
+    unexplained_ratio: float = 1.2  # reduced chi-square above which something is unknown
+    confusable: float = 0.02  # relative probability from which an explanation is not excluded
+    held_out_loss: float = 9.0  # chi-square by which held-out recordings may get worse by chance
+
+
+def family_p_value(gain: float, parameters: int, looks: int) -> float:
+    """Chance that the best of ``looks`` superfluous candidates gains this much.
+
+    A candidate without parameters that can be fitted counts as one with one.
+    """
+    single = float(stats.chi2.sf(max(gain, 0.0), max(parameters, 1)))
+    return float(-math.expm1(max(looks, 1) * math.log1p(-min(single, 1 - 1e-12))))
+
+
+def least_gain(parameters: int, looks: int, false_finding: float) -> float:
+    """Fall of chi-square from which a candidate counts, given the chance of a false finding."""
+    single = -math.expm1(math.log1p(-false_finding) / max(looks, 1))
+    return float(stats.chi2.isf(single, max(parameters, 1)))
+
+
+def information(chi_square: float, parameters: int, samples: int, looks: int = 1) -> float:
+    """Extended Bayesian information criterion: smaller is better."""
+    return chi_square + parameters * math.log(max(samples, 2)) + 2.0 * math.log(max(looks, 1))
+
+
+def probabilities(criteria: Sequence[float]) -> list[float]:
+    """Probability of each of several models that exclude each other, from their criteria."""
+    values = np.asarray(criteria, dtype=np.float64)
+    if values.size == 0:
+        return []
+    weight = np.exp(-0.5 * np.clip(values - np.min(values), 0.0, 1400.0))
+    return [float(w) for w in weight / np.sum(weight)]
+
+
+def first_discoveries(p_values: Sequence[float], rate: float) -> NDArray[np.bool_]:
+    """Which hypotheses are discoveries at a false discovery rate (Benjamini, Hochberg)."""
+    p = np.asarray(p_values, dtype=np.float64)
+    if p.size == 0:
+        return np.zeros(0, dtype=np.bool_)
+    order = np.argsort(p)
+    passed = p[order] <= rate * np.arange(1, p.size + 1) / p.size
+    last = int(np.max(np.nonzero(passed)[0], initial=-1))
+    found = np.zeros(p.size, dtype=np.bool_)
+    found[order[: last + 1]] = True
+    return found
+
+
+def spread_p_value(residuals: Array) -> float:
+    """Chance that standardised residuals, shape (n,), are spread this much by noise alone."""
+    if residuals.size == 0:
+        return 1.0
+    return float(stats.chi2.sf(float(residuals @ residuals), residuals.size))
+
+
+def is_white(residuals: Array, p_value: float = 1e-4) -> bool:
+    """Whether standardised residuals in time order look white: first ten lags (Ljung, Box)."""
+    n = residuals.size
+    lags = min(10, n // 5)
+    if lags < 1:
+        return True
+    centred = residuals - np.mean(residuals)
+    power = float(centred @ centred)
+    if power == 0.0:
+        return True
+    rho = np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
+    statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
+    return bool(stats.chi2.sf(statistic, lags) > p_value)
+
+
+def noise_std(samples: Array) -> float:
+    """Standard deviation of white noise in a quiet stretch, shape (n,); slow changes drop out.
+
+    From the second differences, by their interquartile range, so that a blow or a spike inside
+    does not count; where the steps of the converter are coarser than that, from the variance.
+    """
+    finite = samples[np.isfinite(samples)]
+    if finite.size < 8:
+        return math.nan
+    difference = finite[2:] - 2.0 * finite[1:-1] + finite[:-2]
+    low, high = np.quantile(difference, [0.25, 0.75])
+    scale = float(high - low) / (1.3489795 * math.sqrt(6.0))
+    rough = float(np.std(difference)) / math.sqrt(6.0)
+    step = quantisation_step(finite)
+    if step > 0.8 * scale:
+        return max(rough, step / math.sqrt(12.0))
+    return scale
+
+
+def quantisation_step(samples: Array) -> float:
+    """Step of the lattice on which samples lie, 0 where there is none that matters."""
+    levels = np.unique(samples[np.isfinite(samples)])
+    if levels.size < 3 or levels.size > 0.5 * samples.size:
+        return 0.0
+    gaps = np.diff(levels)
+    step = float(np.min(gaps))
+    scale = float(np.max(np.abs(levels)))
+    if step <= 4e-7 * scale:  # as fine as single precision
+        return 0.0
+    multiples = gaps / step
+    return step if float(np.max(np.abs(multiples - np.round(multiples)))) < 0.02 else 0.0

@@ -1,0 +1,327 @@
+"""The simulation as the campaign states it: constants, what may be re-tuned, what is unknown."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from impactscope.discrepancy.campaign import Campaign, Quantity
+from impactscope.discrepancy.impact_data import BlowData, CampaignData
+from impactscope.discrepancy.impact_fit import Fit, fit, grow
+from impactscope.discrepancy.impact_model import ActiveEffect, Free, ImpactModel
+from impactscope.errors import ConfigurationError, ImpactscopeError
+from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
+from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum
+
+Array = NDArray[np.float64]
+
+__all__ = ['STRUCTURE', 'baseline_model', 'fit_baseline', 'implied_shares']
+
+STRUCTURE = ('linear_sensor', 'zener_damper', 'hertz_contact')
+"""What a baseline is built on, beside mechanisms."""
+
+_SENSOR = {  # start values and relative scales where a number is to be estimated
+    'stiffness': (69_000.0, 0.01, 1e2, 1e8),
+    'moving_mass': (1.5, 0.01, 1e-3, 1e3),
+    'damping_ratio': (0.06, 0.1, 1e-4, 2.0),
+}
+_PENDULUM = ('rod_mass', 'rod_length', 'contact_distance', 'moving_mass')
+_REPEATABLE = 1e-5  # relative, of a speed
+_MASS_STARTS = (0.4, 0.9, 1.7, 3.5)  # kg
+_TIME_SHIFTS = (-4e-3, -2e-3, -1e-3, -5e-4, -2.5e-4, 0.0)  # s
+
+
+def baseline_model(campaign: Campaign, data: CampaignData) -> ImpactModel:
+    """The baseline as a model of the campaign.
+
+    Raises ConfigurationError for names of the baseline that are not known.
+    """
+    constants: dict[str, float] = {}
+    free: list[Free] = []
+    horizontal = campaign.orientation is Orientation.HORIZONTAL
+    constants['orientation'] = float(horizontal)
+    for name, (start, scale, low, high) in _SENSOR.items():
+        quantity = campaign.sensor.get(name, Quantity())
+        _number(f'sensor.{name}', quantity, (start, scale, low, high), constants, free)
+    if campaign.damper is not None:
+        _damper(campaign.damper, constants, free)
+    if any(not b.recording.damper or campaign.damper is None for b in data.blows):
+        free.append(Free('contact.stiffness', 5e8, 0.05, 1e5, 1e13, logarithmic=True))
+        free.append(Free('contact.restitution', 0.5, 0.05, 0.03, 0.995))
+        constants['contact.exponent'] = 1.5
+    geometry = all(campaign.pendulum.get(n, Quantity()).known for n in _PENDULUM)
+    if geometry:
+        for name in _PENDULUM:
+            quantity = campaign.pendulum[name]
+            limits = (quantity.value, 0.01, 0.0, 1e3)
+            _number(f'pendulum.{name}', quantity, limits, constants, free)
+    for channel in data.channels:
+        std = campaign.gain_std_of(channel)
+        if std > 0:
+            free.append(Free(f'gain.{channel}', 1.0, 0.01, 0.2, 5.0, prior=(1.0, std)))
+    for i, blow in enumerate(data.blows):
+        _blow(campaign, blow, i, geometry, constants, free)
+    effects = _effects(campaign, data, geometry, constants, free)
+    return ImpactModel(data, constants, tuple(free), tuple(effects))
+
+
+def fit_baseline(model: ImpactModel) -> Fit:
+    """The baseline re-tuned to the blows that are fitted, from a cold start."""
+    blows = model.data.fitted
+    starts = [model.start()]
+    if any(f.key == 'sensor.moving_mass' and f.prior is None for f in model.free):
+        starts = []
+        for mass in _MASS_STARTS:
+            x = model.start()
+            x[model.index('sensor.moving_mass')] = math.log(mass)
+            starts.append(x)
+    tried: list[tuple[float, Fit]] = []
+    for x in starts:
+        placed = _place(model, x)
+        for window in (0.012, 0.03):
+            short = fit(model, model.layout(blows, window), placed, iterations=8, settled=1.0)
+            placed = short.x
+        tried.append((short.chi_square, short))
+    best = min(tried, key=lambda item: item[0])[1]
+    grown = grow(model, blows, best.x, windows=(0.08, 0.2))
+    model = with_repeatability(model, grown.x)
+    return grow(model, blows, grown.x, windows=(0.2, math.inf))
+
+
+def with_repeatability(model: ImpactModel, x: Array) -> ImpactModel:
+    """The model with what no bench repeats counted as noise.
+
+    Every further contact amplifies the smallest difference of speed: where a relative change of
+    ``_REPEATABLE`` would be seen, a bin tells less than its noise says.
+    """
+    values = model.values(x)
+    blows = []
+    for i, blow in enumerate(model.data.blows):
+        key = next((k for k in (f'angle@{i}', f'speed@{i}') if k in values), None)
+        if key is None:
+            blows.append(blow)
+            continue
+        here = model.predict(values, i)
+        there = model.predict({**values, key: values[key] * (1 + 2 * _REPEATABLE)}, i)
+        channels = {}
+        for name, channel in blow.channels.items():
+            change = np.abs(there.means[name] - here.means[name])
+            change = ndimage.maximum_filter1d(change, 5)
+            std = np.where(channel.used, np.hypot(channel.std, change), 1.0)
+            channels[name] = dataclasses.replace(channel, std=std)
+        blows.append(dataclasses.replace(blow, channels=channels))
+    data = dataclasses.replace(model.data, blows=tuple(blows))
+    return dataclasses.replace(model, data=data)
+
+
+def implied_shares(model: ImpactModel, name: str) -> dict[str, float]:
+    """Factor of each blow for an effect that follows the pendulum's weight; mean is one."""
+    values = dict(model.constants)
+    values.update({f.key: f.start for f in model.free})
+    if 'pendulum.contact_distance' not in values:
+        return {}
+    found = {}
+    for i, blow in enumerate(model.data.blows):
+        if blow.recording.kind == 'pendulum':
+            pendulum = _pendulum(values, i)
+            found[i] = (
+                pendulum.contact_weight()
+                if name == 'gravity_load'
+                else pendulum.restoring_stiffness(Orientation.HORIZONTAL)
+            )
+    if not found:
+        return {}
+    mean = float(np.mean(list(found.values())))
+    return {f'{name}.share@{i}': found.get(i, mean) / mean for i in range(len(model.data.blows))}
+
+
+# --- parts ---------------------------------------------------------------------------------------
+
+
+def _number(
+    key: str,
+    quantity: Quantity,
+    limits: tuple[float, float, float, float],
+    constants: dict[str, float],
+    free: list[Free],
+) -> None:
+    start, scale, low, high = limits
+    if not quantity.known:
+        free.append(Free(key, start, scale, low, high, logarithmic=True))
+    elif quantity.std > 0:
+        prior = (quantity.value, quantity.std)
+        scale = max(quantity.std / quantity.value, 1e-3)
+        free.append(
+            Free(key, quantity.value, scale, low or 1e-9, high, logarithmic=True, prior=prior)
+        )
+    else:
+        constants[key] = quantity.value
+
+
+def _damper(damper: Mapping[str, Any], constants: dict[str, float], free: list[Free]) -> None:
+    limits = (4e4, 0.02, 1.0, 1e10)
+    _number('damper.parallel_stiffness', damper['parallel_stiffness'], limits, constants, free)
+    for n, branch in enumerate(damper['branches']):
+        for name in ('stiffness', 'damping'):
+            start = 2e4 if name == 'stiffness' else 1e3
+            _number(
+                f'damper.branches.{n}.{name}',
+                branch[name],
+                (start, 0.02, 1e-3, 1e12),
+                constants,
+                free,
+            )
+
+
+def _blow(
+    campaign: Campaign,
+    blow: BlowData,
+    i: int,
+    geometry: bool,
+    constants: dict[str, float],
+    free: list[Free],
+) -> None:
+    recording = blow.recording
+    onset = blow.onset
+    free.append(Free(f'time@{i}', onset, 1e-4, onset - 0.02, onset + 0.01, blow=i))
+    if recording.kind == 'tap':
+        peak, duration = _tap_start(blow)
+        free.append(Free(f'tap_peak@{i}', peak, 0.02, 1e-3, 1e6, logarithmic=True, blow=i))
+        free.append(Free(f'tap_duration@{i}', duration, 0.02, 5e-5, 0.1, logarithmic=True, blow=i))
+        return
+    if recording.kind == 'pendulum' and geometry:
+        angle, std = recording.release_angle_deg, campaign.release_angle_std_deg
+        if not math.isfinite(angle):
+            free.append(Free(f'angle@{i}', 10.0, 0.1, 0.05, 89.0, blow=i))
+        elif std > 0:
+            free.append(Free(f'angle@{i}', angle, 0.1, 0.05, 89.0, prior=(angle, std), blow=i))
+        else:
+            constants[f'angle@{i}'] = angle
+        distance = recording.mass_distance
+        if math.isfinite(distance):
+            constants[f'mass_distance@{i}'] = distance
+        else:
+            free.append(Free(f'mass_distance@{i}', 0.15, 0.01, 0.0, 0.5, blow=i))
+        return
+    mass, speed = recording.effective_mass, recording.speed
+    if math.isfinite(recording.drop_height):
+        speed = math.sqrt(2 * STANDARD_GRAVITY * recording.drop_height)
+    for key, value, start in (('impactor_mass', mass, 1.5), ('speed', speed, 0.4)):
+        prior = (value, 0.02 * value) if math.isfinite(value) else None
+        begin = value if math.isfinite(value) else start
+        free.append(
+            Free(f'{key}@{i}', begin, 0.02, 1e-3, 1e3, logarithmic=True, prior=prior, blow=i)
+        )
+
+
+def _tap_start(blow: BlowData) -> tuple[float, float]:
+    """Peak, N, and duration, s, from which the search for a tap's half sine sets out."""
+    duration = 0.004
+    plate = blow.channels.get('acceleration.plate')
+    if plate is not None:
+        near = plate.used & (plate.centres > blow.onset - 2e-3)
+        near &= plate.centres < blow.onset + 0.02
+        values, times = np.abs(plate.means[near]), plate.centres[near]
+        if values.size > 3:
+            top = int(np.argmax(values))
+            wide = times[values > 0.5 * values[top]]
+            duration = float(np.clip(1.5 * (wide[-1] - wide[0]), 5e-4, 0.012))
+            return float(max(values[top] * 1.6, 1.0)), duration
+    force = blow.channels.get('force')
+    top_force = float(np.max(np.abs(force.means))) if force is not None else 50.0
+    impulse = 1.1 * top_force / (2 * math.pi * 32.0)
+    return max(impulse * math.pi / (2 * duration), 1.0), duration
+
+
+def _effects(
+    campaign: Campaign,
+    data: CampaignData,
+    geometry: bool,
+    constants: dict[str, float],
+    free: list[Free],
+) -> list[ActiveEffect]:
+    effects = []
+    for item in campaign.baseline:
+        if item.name in STRUCTURE:
+            continue
+        if item.name not in all_mechanisms():
+            known = ', '.join((*STRUCTURE, *all_mechanisms()))
+            raise ConfigurationError(
+                f'{campaign.name}: baseline names {item.name!r}, which is not known here; '
+                f'known are {known}'
+            )
+        kind = mechanism(item.name)
+        active = ActiveEffect(item.name, item.channel)
+        effects.append(active)
+        weight = item.name in ('gravity_load', 'restoring_force') and not item.values
+        if weight:
+            _implied_weight(campaign, data, geometry, item.name, constants, free)
+            continue
+        for parameter in kind.parameters:
+            key = f'{active.tag}.{parameter.name}'
+            value = item.values.get(parameter.name, parameter.default)
+            if math.isfinite(value):
+                constants[key] = value
+            else:
+                start = parameter.start[len(parameter.start) // 2]
+                scale = max(0.1 * abs(start), 1e-12)
+                free.append(Free(key, start, scale, parameter.lower, parameter.upper))
+    return effects
+
+
+def _implied_weight(
+    campaign: Campaign,
+    data: CampaignData,
+    geometry: bool,
+    name: str,
+    constants: dict[str, float],
+    free: list[Free],
+) -> None:
+    """Values of the pendulum's weight for each blow, as its geometry implies them."""
+    horizontal = campaign.orientation is Orientation.HORIZONTAL
+    key = 'gravity_load.force' if name == 'gravity_load' else 'restoring_force.stiffness'
+    constants[key] = 0.0
+    for i, blow in enumerate(data.blows):
+        recording = blow.recording
+        if recording.kind == 'drop' and name == 'gravity_load':
+            constants[f'{key}@{i}'] = recording.effective_mass * STANDARD_GRAVITY
+        if recording.kind != 'pendulum':
+            continue
+        if not geometry:
+            if (name == 'gravity_load') != horizontal:
+                free.append(Free(f'{key}@{i}', 5.0, 0.5, 0.0, 200.0, blow=i))
+            continue
+        constants[f'{key}@{i}'] = math.nan  # follows from the geometry of the moment
+
+
+def _pendulum(values: Mapping[str, float], i: int) -> Pendulum:
+    distance = values.get(f'mass_distance@{i}', 0.15)
+    return Pendulum(*(values[f'pendulum.{n}'] for n in _PENDULUM), distance)
+
+
+def _place(model: ImpactModel, x: Array) -> Array:
+    """``x`` with each blow's moment where a short simulation fits best."""
+    layout = model.layout(model.data.fitted, 0.012)
+    best = np.full(len(model.data.blows), math.inf)
+    placed = x.copy()
+    for shift in _TIME_SHIFTS:
+        trial = x.copy()
+        for i in layout.blows:
+            trial[model.index(f'time@{i}')] = model.data.blows[i].onset + shift
+        try:
+            values = model.values(trial)
+            costs = {i: model.blow_residuals(values, i, layout) for i in layout.blows}
+        except ImpactscopeError:
+            continue
+        for i, residual in costs.items():
+            cost = float(residual @ residual)
+            if cost < best[i]:
+                best[i] = cost
+                placed[model.index(f'time@{i}')] = trial[model.index(f'time@{i}')]
+    return placed

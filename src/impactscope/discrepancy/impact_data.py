@@ -1,0 +1,322 @@
+"""Recordings of blows made ready for a fit: onset, noise, and bins that keep what matters.
+
+Around the blow, and wherever a channel changes quickly, every sample counts on its own; elsewhere
+samples are averaged over bins, and the simulation is averaged over the same span by two nodes,
+which is exact for cubics. So a second of ring-down costs little and loses nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.campaign import Campaign, CampaignRecording, ChannelSamples, Role
+from impactscope.discrepancy.evidence import noise_std, quantisation_step
+from impactscope.errors import InputError
+from impactscope.physics.pendulum import Orientation
+
+__all__ = ['CHANNELS', 'BinnedChannel', 'BlowData', 'CampaignData', 'prepare']
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+CHANNELS = ('force', 'acceleration.plate', 'acceleration.impactor', 'acceleration.base')
+
+LEAD = 0.25  # s before the onset that are used at most
+LENGTH = 0.45  # s after the onset that are used at most
+CAUGHT = 0.09  # s after which a pendulum on the horizontal bench may have been caught
+_FINE_UNTIL = 0.025  # s after the onset in which every sample counts
+_FLOOR = 0.05  # of the noise, of a sample: what two sound simulations may differ by
+_RELATIVE_FLOOR = 2e-4  # of the value
+_TIME_FLOOR = 2e-7  # s, of the moment of a sample
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BinnedChannel:
+    """One channel of one blow in bins; arrays over the bins, shape (n_bins,), unless said."""
+
+    name: str
+    unit: str
+    sample_rate: float
+    time: Array  # of all samples in use, s, shape (n_samples,)
+    samples: Array  # shape (n_samples,)
+    edges: IntArray  # first sample of each bin, shape (n_bins,)
+    counts: IntArray
+    nodes: Array  # times at which the simulation is averaged, s, shape (2, n_bins)
+    centres: Array  # s
+    means: Array
+    std: Array  # standard deviation of the means
+    used: NDArray[np.bool_]
+    noise: float  # of a sample
+    step: float = 0.0  # of the converter, 0 where it cannot be seen
+    clipped_at: float = math.inf
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlowData:
+    """One blow: its recording, its onset and its channels.
+
+    ``times``: rising, all moments at which the simulation is needed; ``where[channel]`` says
+    which of them are the channel's nodes, shape (2, n_bins).
+    """
+
+    recording: CampaignRecording
+    onset: float  # s, first sight of the blow
+    channels: Mapping[str, BinnedChannel]
+    times: Array
+    where: Mapping[str, IntArray]
+
+    @property
+    def name(self) -> str:
+        """The recording's file name."""
+        return self.recording.file
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CampaignData:
+    """All blows that can be used; those to fit come first."""
+
+    blows: tuple[BlowData, ...]
+    notes: tuple[str, ...] = ()
+    noise: Mapping[str, float] = field(default_factory=dict)  # of a sample, by channel
+
+    @property
+    def fitted(self) -> tuple[int, ...]:
+        """Indices of the blows that are fitted."""
+        return tuple(i for i, b in enumerate(self.blows) if b.recording.role is Role.FIT)
+
+    @property
+    def held_out(self) -> tuple[int, ...]:
+        """Indices of the blows that are predicted only."""
+        return tuple(i for i, b in enumerate(self.blows) if b.recording.role is Role.HOLD_OUT)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that at least one blow has."""
+        return tuple(c for c in CHANNELS if any(c in b.channels for b in self.blows))
+
+
+def prepare(campaign: Campaign) -> CampaignData:
+    """Onset, noise and bins of every recording of an impact campaign.
+
+    Raises InputError where no recording holds a blow that can be used.
+    """
+    notes: list[str] = []
+    onsets: list[tuple[CampaignRecording, float]] = []
+    for recording in campaign.recordings:
+        known = [c for c in CHANNELS if c in recording.channels]
+        others = sorted(set(recording.channels) - set(CHANNELS))
+        if others:
+            notes.append(f'{recording.file}: channel {", ".join(others)} is not used.')
+        if not known:
+            notes.append(f'{recording.file}: none of its channels can be used; it is left out.')
+            continue
+        onset = _onset([recording.channels[c] for c in known if c != 'acceleration.impactor'])
+        if onset is None and 'acceleration.impactor' in known:
+            onset = _onset([recording.channels['acceleration.impactor']])
+        if onset is None:
+            notes.append(f'{recording.file}: no blow can be found; it is left out.')
+            continue
+        onsets.append((recording, onset))
+    if not any(recording.role is Role.FIT for recording, _ in onsets):
+        raise InputError(f'{campaign.name}: no recording to fit holds a blow that can be used')
+    noise = _noise(onsets, campaign.noise_std)
+    blows = []
+    for recording, onset in sorted(onsets, key=lambda item: item[0].role is Role.HOLD_OUT):
+        swinging = recording.kind == 'pendulum' and campaign.orientation is Orientation.HORIZONTAL
+        blows.append(_blow(recording, onset, noise, swinging, notes))
+    return CampaignData(tuple(blows), tuple(notes), noise)
+
+
+# --- onset and noise -------------------------------------------------------------------------
+
+
+def _onset(channels: Sequence[ChannelSamples]) -> float | None:
+    """Moment at which the first channel leaves its level before the blow, s."""
+    found = []
+    for channel in channels:
+        values = channel.values
+        finite = np.isfinite(values)
+        if np.count_nonzero(finite) < 32:
+            continue
+        lead = max(8, min(values.size // 20, round(0.02 * channel.sample_rate)))
+        level = float(np.nanmedian(values[:lead]))
+        size = np.where(finite, np.abs(values - level), 0.0)
+        peak = float(np.max(size))
+        sigma = noise_std(values)
+        before = float(np.nanmax(np.abs(values[:lead] - level)))
+        threshold = max(0.05 * peak, 8.0 * sigma, 1.5 * before)
+        if peak <= threshold or peak < 12.0 * sigma:
+            continue
+        first = int(np.argmax(size > threshold))
+        found.append(channel.start + (first - 0.5) / channel.sample_rate)
+    return min(found) if found else None
+
+
+def _noise(
+    onsets: Sequence[tuple[CampaignRecording, float]], stated: Mapping[str, float]
+) -> dict[str, float]:
+    """White noise of a sample by channel: pooled over what lies before the blows."""
+    result = {}
+    for name in CHANNELS:
+        if name in stated:
+            result[name] = stated[name]
+            continue
+        squares, weight = 0.0, 0
+        for recording, onset in onsets:
+            channel = recording.channels.get(name)
+            if channel is None:
+                continue
+            count = int((onset - 2e-3 - channel.start) * channel.sample_rate)
+            quiet = channel.values[:count] if count >= 64 else channel.values[-256:]
+            sigma = noise_std(quiet)
+            if math.isfinite(sigma):
+                squares += quiet.size * sigma**2
+                weight += quiet.size
+        if weight:
+            peak = max(
+                float(np.nanmax(np.abs(r.channels[name].values)))
+                for r, _ in onsets
+                if name in r.channels
+            )
+            result[name] = max(math.sqrt(squares / weight), 1e-6 * peak, 1e-12)
+    return result
+
+
+# --- bins --------------------------------------------------------------------------------------
+
+
+def _blow(
+    recording: CampaignRecording,
+    onset: float,
+    noise: Mapping[str, float],
+    swinging: bool,
+    notes: list[str],
+) -> BlowData:
+    channels = {}
+    for name in CHANNELS:
+        channel = recording.channels.get(name)
+        if channel is None or name not in noise:
+            continue
+        last = CAUGHT if swinging and name == 'acceleration.impactor' else LENGTH
+        coarse = name in ('force', 'acceleration.base')
+        binned = _bin(channel, onset, noise[name], last, coarse=coarse)
+        channels[name] = binned
+        if math.isfinite(binned.clipped_at):
+            notes.append(
+                f'{recording.file}: {name} is cut off at {binned.clipped_at:.4g} {channel.unit}; '
+                'those samples are not fitted.'
+            )
+    times, where = _moments(channels)
+    return BlowData(recording, onset, channels, times, where)
+
+
+def _moments(channels: Mapping[str, BinnedChannel]) -> tuple[Array, dict[str, IntArray]]:
+    every = [c.nodes.ravel() for c in channels.values()]
+    times, inverse = np.unique(np.concatenate(every), return_inverse=True)
+    where, begin = {}, 0
+    for name, channel in channels.items():
+        size = channel.nodes.size
+        where[name] = inverse[begin : begin + size].reshape(2, -1).astype(np.int64)
+        begin += size
+    return times, where
+
+
+def _bin(
+    channel: ChannelSamples, onset: float, sigma: float, last: float, *, coarse: bool
+) -> BinnedChannel:
+    """One channel in bins; not ``coarse``: contacts and reversals may kink it at any time."""
+    rate = channel.sample_rate
+    first = max(0, math.ceil((onset - LEAD - channel.start) * rate))
+    stop = min(channel.values.size, math.floor((onset + last - channel.start) * rate) + 1)
+    samples = np.asarray(channel.values[first:stop], dtype=np.float64)
+    time = channel.start + (first + np.arange(samples.size)) / rate
+    since = time - onset
+    clip = _clipping(samples, channel)
+    size = np.full(samples.size, max(1, round(8e-4 * rate)))
+    size[since > 0.25] = max(1, round(2e-3 * rate))
+    if not coarse:
+        size[:] = max(1, round(2e-4 * rate))
+    size[since < -5e-3] = max(1, round(2e-3 * rate))
+    size[(since >= -5e-3) & (since < _FINE_UNTIL)] = 1
+    size[_quick(samples, sigma, round(1.5e-3 * rate))] = 1
+    edges = _edges(size)
+    counts = np.diff(np.append(edges, samples.size))
+    means = np.add.reduceat(samples, edges) / counts if samples.size else samples
+    centres = time[edges] + 0.5 * (counts - 1) / rate
+    half = np.sqrt((counts.astype(np.float64) ** 2 - 1.0) / 12.0) / rate
+    slope = np.gradient(means, centres) if means.size > 1 else np.zeros(means.size)
+    variance = sigma**2 / counts + (_FLOOR * sigma) ** 2 / counts
+    variance = variance + (_RELATIVE_FLOOR * means) ** 2 + (_TIME_FLOOR * slope) ** 2
+    used = np.isfinite(means)
+    if channel.name == 'acceleration.impactor':
+        used &= centres > onset + 0.5 / rate
+    if math.isfinite(clip):
+        hit = np.abs(samples) >= clip * (1 - 1e-6)
+        used &= np.add.reduceat(hit.astype(np.int64), edges) == 0
+    return BinnedChannel(
+        name=channel.name,
+        unit=channel.unit,
+        sample_rate=rate,
+        time=time,
+        samples=samples,
+        edges=edges,
+        counts=counts,
+        nodes=np.stack([centres - half, centres + half]),
+        centres=centres,
+        means=np.where(used, means, 0.0),
+        std=np.where(used, np.sqrt(np.where(used, variance, 1.0)), 1.0),
+        used=used,
+        noise=sigma,
+        step=quantisation_step(samples[since < -2e-3]),
+        clipped_at=clip,
+    )
+
+
+def _quick(samples: Array, sigma: float, reach: int) -> NDArray[np.bool_]:
+    """Samples near a change that is quicker than a bin could follow."""
+    quick = np.zeros(samples.size, dtype=np.bool_)
+    if samples.size < 5:
+        return quick
+    bend = np.abs(samples[2:] - 2.0 * samples[1:-1] + samples[:-2])
+    quick[1:-1] = np.nan_to_num(bend) > 8.0 * math.sqrt(6.0) * sigma
+    if reach > 0 and quick.any():
+        quick = np.convolve(quick, np.ones(2 * reach + 1), 'same') > 0.5
+    return quick
+
+
+def _edges(size: IntArray) -> IntArray:
+    """First sample of each bin where ``size`` is the wanted length of the bin at each sample."""
+    edges = []
+    i = 0
+    while i < size.size:
+        edges.append(i)
+        length = int(size[i])
+        if length > 1:  # a bin does not reach into a stretch that wants shorter ones
+            shorter = np.nonzero(size[i : i + length] < length)[0]
+            if shorter.size:
+                length = int(shorter[0])
+        i += length
+    return np.asarray(edges, dtype=np.int64)
+
+
+def _clipping(samples: Array, channel: ChannelSamples) -> float:
+    """Absolute value at which the channel is cut off, inf where it is not."""
+    finite = samples[np.isfinite(samples)]
+    if finite.size < 16:
+        return math.inf
+    size = np.abs(finite)
+    peak = float(np.max(size))
+    flat = size >= peak * (1 - 1e-6)
+    runs = flat[1:] & flat[:-1]
+    middle = float(np.median(size))
+    if np.count_nonzero(runs) >= 2 and peak > 5 * middle:
+        return peak
+    stated = min(abs(channel.range_min), abs(channel.range_max))
+    if math.isfinite(stated) and peak >= stated * (1 - 1e-6):
+        return stated
+    return math.inf

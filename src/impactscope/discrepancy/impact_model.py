@@ -1,0 +1,488 @@
+"""The twin as a model of a whole campaign: numbers in, standardised residuals out.
+
+Every number has a key (``sensor.stiffness``, ``coulomb_friction.force``); ``key@2`` is the number
+of the blow with index 2 alone. A model is a set of constants, the numbers that are free, and the
+effects that act beside the bench. Candidates for missing physics only add to these.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from impactscope.discrepancy.impact_data import BinnedChannel, BlowData, CampaignData
+from impactscope.errors import ImpactscopeError
+from impactscope.physics.mechanisms.registry import mechanism
+from impactscope.physics.pendulum import Orientation, Pendulum
+from impactscope.physics.twin import layout as at
+from impactscope.physics.twin.assembly import Effect, assemble
+from impactscope.physics.twin.bench import (
+    BareContact,
+    Bench,
+    Blow,
+    Branch,
+    DamperLayer,
+    HammerTap,
+    PendulumBlow,
+    RobotBlow,
+    Sensor,
+)
+from impactscope.physics.twin.simulate import CHANNELS, solve
+
+__all__ = ['ActiveEffect', 'Free', 'ImpactModel', 'Layout', 'Prediction']
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-7
+_CACHE = 6  # solutions kept for each blow
+_KINK_TIME = 1.5e-5  # s around a reversal in which a sample may fall on either side of its jump
+_WHOLE = ('low_pass_filter', 'ac_coupling')  # effects that need every sample
+_WEIGHTS = ('gravity_load', 'restoring_force')
+_FRICTION_EVENTS = (at.STICKS, at.SLIPS, at.REVERSES)
+
+
+@dataclass(frozen=True, slots=True)
+class Free:
+    """A number that is fitted, in its own unit or, ``logarithmic``, in its logarithm.
+
+    ``scale`` is the step at which an influence is felt, for a logarithmic number relative to it.
+    """
+
+    key: str
+    start: float
+    scale: float
+    lower: float = -math.inf
+    upper: float = math.inf
+    logarithmic: bool = False
+    prior: tuple[float, float] | None = None  # mean and standard deviation, own unit
+    blow: int | None = None
+
+    def to_inner(self, value: float) -> float:
+        """Value in own unit to the number that is fitted."""
+        value = min(max(value, self.lower), self.upper)
+        return math.log(value) if self.logarithmic else value
+
+    def to_outer(self, inner: float) -> float:
+        """Number that is fitted to the value in own unit."""
+        return math.exp(inner) if self.logarithmic else inner
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of the number that is fitted."""
+        if not self.logarithmic:
+            return self.lower, self.upper
+        low = math.log(self.lower) if self.lower > 0 else -math.inf
+        return low, math.log(self.upper) if self.upper > 0 else math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveEffect:
+    """A mechanism in a model; its values are found under ``tag.<parameter>``.
+
+    ``shares``: key of a factor for each blow (``share@i``) by which its first value is scaled.
+    """
+
+    name: str
+    channel: str = ''
+    shares: str = ''
+
+    @property
+    def tag(self) -> str:
+        """Prefix of the keys of its values."""
+        return f'{self.name}:{self.channel}' if self.channel else self.name
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """What a model says of one blow: means over the bins of each channel, shape (n_bins,)."""
+
+    means: Mapping[str, Array]
+    kinks: Array  # times of reversals, s
+    jump: float  # of the plate's acceleration at a reversal, m/s^2
+    rows: Array  # all outputs of the twin at ``BlowData.times``
+    contacts: Array  # times at which contact is lost or found, s
+    contact_kinds: NDArray[np.int64]
+    start: float  # s, first contact
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """Which bins of which blows enter a fit, in their order in the residual vector."""
+
+    blows: tuple[int, ...]
+    masks: Mapping[tuple[int, str], NDArray[np.bool_]]
+    spans: Mapping[tuple[int, str], slice]
+    blow_spans: Mapping[int, slice]
+    size: int
+
+    @property
+    def samples(self) -> int:
+        """Number of bins that are fitted."""
+        return self.size
+
+
+@dataclass(eq=False)
+class ImpactModel:
+    """A model of the campaign: see the module's description."""
+
+    data: CampaignData
+    constants: Mapping[str, float]
+    free: tuple[Free, ...]
+    effects: tuple[ActiveEffect, ...]
+    caches: list[dict[bytes, tuple[Array, Array, NDArray[np.int64]]]] = field(
+        default_factory=list, repr=False
+    )
+
+    def __post_init__(self) -> None:
+        if not self.caches:
+            self.caches = [{} for _ in self.data.blows]
+
+    def extended(
+        self,
+        *,
+        free: Sequence[Free] = (),
+        effects: Sequence[ActiveEffect] = (),
+        constants: Mapping[str, float] | None = None,
+        without_effects: Sequence[str] = (),
+    ) -> ImpactModel:
+        """This model with more in it; a free number replaces the one of the same key."""
+        keys = {f.key for f in free}
+        return dataclasses.replace(
+            self,
+            constants={**self.constants, **(constants or {})},
+            free=(*(f for f in self.free if f.key not in keys), *free),
+            effects=(*(e for e in self.effects if e.name not in without_effects), *effects),
+        )
+
+    # --- numbers ---------------------------------------------------------------------------
+
+    def start(self) -> Array:
+        """Start of a fit, in the numbers that are fitted, shape (n_free,)."""
+        return np.array([f.to_inner(f.start) for f in self.free])
+
+    def scales(self) -> Array:
+        """Scale of each number that is fitted, shape (n_free,)."""
+        return np.array([f.scale for f in self.free])
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds of the numbers that are fitted."""
+        pairs = [f.bounds for f in self.free]
+        return np.array([p[0] for p in pairs]), np.array([p[1] for p in pairs])
+
+    def values(self, x: Array) -> dict[str, float]:
+        """All numbers by key, own units."""
+        values = dict(self.constants)
+        values.update({f.key: f.to_outer(v) for f, v in zip(self.free, x.tolist(), strict=True)})
+        return values
+
+    def index(self, key: str) -> int:
+        """Place of a free number in the vector."""
+        return next(i for i, f in enumerate(self.free) if f.key == key)
+
+    # --- residuals -------------------------------------------------------------------------
+
+    def layout(self, blows: Sequence[int], window: float = math.inf) -> Layout:
+        """Bins up to ``window`` s after the onset, of the given blows; taps count whole."""
+        masks, spans, blow_spans, begin = {}, {}, {}, 0
+        for i in blows:
+            blow = self.data.blows[i]
+            first = begin
+            length = math.inf if blow.recording.kind == 'tap' and window > 0.02 else window
+            for name, channel in blow.channels.items():
+                mask = channel.used & (channel.centres < blow.onset + length)
+                count = int(np.count_nonzero(mask))
+                masks[i, name] = mask
+                spans[i, name] = slice(begin, begin + count)
+                begin += count
+            blow_spans[i] = slice(first, begin)
+        return Layout(tuple(blows), masks, spans, blow_spans, begin)
+
+    def residuals(self, x: Array, layout: Layout) -> Array:
+        """Measured minus simulated over the noise, then the priors; shape (size + n_free,)."""
+        values = self.values(x)
+        out = np.empty(layout.size + len(self.free))
+        for i in layout.blows:
+            out[layout.blow_spans[i]] = self.blow_residuals(values, i, layout)
+        out[layout.size :] = self.prior_residuals(values)
+        return out
+
+    def prior_residuals(self, values: Mapping[str, float]) -> Array:
+        """Distance of each free number from what is known of it; zero without a prior."""
+        out = np.zeros(len(self.free))
+        for j, number in enumerate(self.free):
+            if number.prior is not None:
+                out[j] = (values[number.key] - number.prior[0]) / number.prior[1]
+        return out
+
+    def blow_residuals(self, values: Mapping[str, float], i: int, layout: Layout) -> Array:
+        """Standardised residuals of one blow in the order of the layout."""
+        blow = self.data.blows[i]
+        window = max(
+            (float(c.centres[layout.masks[i, n]][-1]) for n, c in blow.channels.items()
+             if layout.masks[i, n].any()),
+            default=blow.onset,
+        )  # fmt: skip
+        prediction = self.predict(values, i, window)
+        parts = []
+        for name, channel in blow.channels.items():
+            mask = layout.masks[i, name]
+            residual = (channel.means[mask] - prediction.means[name][mask]) / channel.std[mask]
+            if name == 'acceleration.plate' and prediction.kinks.size:
+                jump = prediction.jump / channel.std[mask]
+                residual = _softened(residual, jump, channel.centres[mask], prediction.kinks)
+            parts.append(residual)
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    # --- simulation ------------------------------------------------------------------------
+
+    def predict(self, values: Mapping[str, float], i: int, until: float = math.inf) -> Prediction:
+        """What the model says of blow ``i``; beyond ``until`` s means need not be right."""
+        blow = self.data.blows[i]
+        chain = self._chain(values, i)
+        start = values[f'time@{i}']
+        times, where = blow.times, blow.where
+        shifted = {n: e for n, e in chain.items() if any(k == 'clock_error' for k, _ in e)}
+        whole = {n: e for n, e in chain.items() if any(k in _WHOLE for k, _ in e)}
+        if shifted or whole:
+            times, where = _all_moments(blow, shifted, whole)
+        rows, event_times, event_kinds = self._solve(values, i, times, start, until)
+        means = {}
+        for name, channel in blow.channels.items():
+            gain = values.get(f'gain.{name}', 1.0)
+            clean = gain * rows[where[name], CHANNELS[name][1]]
+            moments = channel.time if name in whole else channel.nodes
+            for kind, numbers in chain.get(name, ()):
+                clean = _distort(kind, clean, moments, channel, numbers)
+            if name in whole:
+                means[name] = np.add.reduceat(clean, channel.edges) / channel.counts
+            else:
+                means[name] = 0.5 * (clean[0] + clean[1])
+        friction = np.isin(event_kinds, _FRICTION_EVENTS)
+        contact = np.isin(event_kinds, (at.CONTACT_BEGINS, at.CONTACT_ENDS))
+        return Prediction(
+            means=means,
+            kinks=event_times[friction] + start,
+            jump=self._jump(values, i),
+            rows=rows,
+            contacts=event_times[contact] + start,
+            contact_kinds=event_kinds[contact],
+            start=start,
+        )
+
+    def _jump(self, values: Mapping[str, float], i: int) -> float:
+        par = self.parameters(values, i)
+        sliding = par[at.KINETIC_FORWARD] + par[at.KINETIC_BACKWARD]
+        return float(sliding / par[at.PLATE_MASS])
+
+    def _solve(
+        self, values: Mapping[str, float], i: int, times: Array, start: float, until: float
+    ) -> tuple[Array, Array, NDArray[np.int64]]:
+        par = self.parameters(values, i)
+        count = int(np.searchsorted(times, until + 0.01))
+        key = par.tobytes() + np.array([start, count, times.size, times[-1], times[0]]).tobytes()
+        key += times[:: max(1, times.size // 7)].tobytes()
+        cache = self.caches[i]
+        if key in cache:
+            return cache[key]
+        rows = np.zeros((times.size, at.N_COLUMNS))
+        found: tuple[Array, Array, NDArray[np.int64]]
+        if count:
+            rows[:count], event_times, event_kinds, _ = solve(
+                par, times[:count] - start, TOLERANCE
+            )
+            found = rows, event_times, event_kinds
+        else:
+            found = rows, np.zeros(0), np.zeros(0, dtype=np.int64)
+        while len(cache) >= _CACHE:
+            cache.pop(next(iter(cache)))
+        cache[key] = found
+        return found
+
+    def parameters(self, values: Mapping[str, float], i: int) -> Array:
+        """Parameter vector of the compiled bench for blow ``i``."""
+        bench, blow = describe(values, self.data.blows[i], i)
+        return assemble(bench, blow, self._bench_effects(values, i, bench, blow))
+
+    def _bench_effects(
+        self, values: Mapping[str, float], i: int, bench: Bench, blow: Blow
+    ) -> list[Effect]:
+        there = set() if isinstance(blow, HammerTap) else {'impactor'}
+        there |= {'damper'} if bench.damper is not None else {'bare'}
+        found = []
+        for active in self.effects:
+            kind = mechanism(active.name)
+            if kind.on_channel or not kind.needs <= there:
+                continue
+            numbers = self._numbers(values, active, i)
+            follows = active.name not in _WEIGHTS or _follow_weight(numbers, blow, bench)
+            if not follows:
+                continue
+            if active.name == 'stribeck_friction':
+                numbers['static_force'] = max(numbers['static_force'], numbers['kinetic_force'])
+            found.append(Effect(active.name, numbers))
+        return found
+
+    def _numbers(
+        self, values: Mapping[str, float], active: ActiveEffect, i: int
+    ) -> dict[str, float]:
+        numbers = {}
+        for parameter in mechanism(active.name).parameters:
+            key = f'{active.tag}.{parameter.name}'
+            value = values.get(f'{key}@{i}', values.get(key, parameter.default))
+            numbers[parameter.name] = value
+        if active.shares and numbers:
+            first = next(iter(numbers))
+            numbers[first] *= values[f'{active.shares}@{i}']
+        return numbers
+
+    def _chain(
+        self, values: Mapping[str, float], i: int
+    ) -> dict[str, list[tuple[str, dict[str, float]]]]:
+        chain: dict[str, list[tuple[str, dict[str, float]]]] = {}
+        for active in self.effects:
+            if not mechanism(active.name).on_channel:
+                continue
+            numbers = self._numbers(values, active, i)
+            if active.name == 'mains_hum':
+                for part in ('sine', 'cosine'):
+                    numbers[part] = values.get(f'{active.tag}.{part}@{i}', 0.0)
+            chain.setdefault(active.channel, []).append((active.name, numbers))
+        return chain
+
+
+def _follow_weight(numbers: dict[str, float], blow: Blow, bench: Bench) -> bool:
+    """Fill in the pendulum's weight where it is to follow from the geometry; False: none acts."""
+    if not isinstance(blow, PendulumBlow):
+        return True
+    pendulum, horizontal = blow.pendulum, bench.orientation is Orientation.HORIZONTAL
+    if 'force' in numbers and math.isnan(numbers['force']):
+        numbers['force'] = pendulum.contact_weight()
+        return not horizontal
+    if 'stiffness' in numbers and math.isnan(numbers['stiffness']):
+        numbers['stiffness'] = pendulum.restoring_stiffness(Orientation.HORIZONTAL)
+        return horizontal
+    return True
+
+
+def describe(values: Mapping[str, float], data: BlowData, i: int) -> tuple[Bench, Blow]:
+    """Bench and blow of the twin for blow ``i`` with these numbers."""
+    recording = data.recording
+
+    def of(key: str, default: float = math.nan) -> float:
+        return values.get(f'{key}@{i}', values.get(key, default))
+
+    sensor = Sensor(of('sensor.stiffness'), of('sensor.moving_mass'), of('sensor.damping_ratio'))
+    horizontal = of('orientation', 0.0) > 0.5
+    orientation = Orientation.HORIZONTAL if horizontal else Orientation.VERTICAL
+    if recording.kind == 'tap':
+        return Bench(sensor, damper=None, orientation=orientation), HammerTap(
+            of('tap_peak'), of('tap_duration')
+        )
+    damper = None
+    contact = BareContact()
+    if recording.damper and 'damper.parallel_stiffness' in values:
+        branches = []
+        while f'damper.branches.{len(branches)}.stiffness' in values:
+            n = len(branches)
+            branches.append(
+                Branch(of(f'damper.branches.{n}.stiffness'), of(f'damper.branches.{n}.damping'))
+            )
+        damper = DamperLayer(of('damper.parallel_stiffness'), tuple(branches))
+    else:
+        contact = BareContact(
+            stiffness=of('contact.stiffness'),
+            exponent=of('contact.exponent', 1.5),
+            restitution=of('contact.restitution'),
+        )
+    bench = Bench(sensor, damper=damper, contact=contact, orientation=orientation)
+    if recording.kind == 'pendulum' and 'pendulum.contact_distance' in values:
+        pendulum = Pendulum(
+            rod_mass=of('pendulum.rod_mass'),
+            rod_length=of('pendulum.rod_length'),
+            contact_distance=of('pendulum.contact_distance'),
+            moving_mass=of('pendulum.moving_mass'),
+            mass_distance=of('mass_distance'),
+        )
+        return bench, PendulumBlow(pendulum, math.radians(of('angle')))
+    return bench, RobotBlow(of('impactor_mass'), of('speed'), push_force=0.0)
+
+
+# --- measuring chain -------------------------------------------------------------------------
+
+
+def _all_moments(
+    blow: BlowData,
+    shifted: Mapping[str, list[tuple[str, dict[str, float]]]],
+    whole: Mapping[str, list[tuple[str, dict[str, float]]]],
+) -> tuple[Array, dict[str, NDArray[np.int64]]]:
+    """Moments of the simulation where some channels need other moments than their nodes."""
+    wanted = {}
+    for name, channel in blow.channels.items():
+        moments = channel.time if name in whole else channel.nodes
+        for kind, numbers in shifted.get(name, ()):
+            if kind == 'clock_error':
+                moments = (moments - numbers['offset']) / (1.0 + numbers['drift'])
+        wanted[name] = moments
+    flat = np.concatenate([m.ravel() for m in wanted.values()])
+    times, inverse = np.unique(flat, return_inverse=True)
+    where, begin = {}, 0
+    for name, moments in wanted.items():
+        where[name] = inverse[begin : begin + moments.size].reshape(moments.shape)
+        begin += moments.size
+    return times, where
+
+
+def _distort(
+    kind: str, clean: Array, moments: Array, channel: BinnedChannel, numbers: Mapping[str, float]
+) -> Array:
+    if kind == 'clock_error' or kind == 'quantisation':
+        return clean
+    if kind == 'offset':
+        return clean + numbers['value']
+    if kind == 'zero_drift':
+        return clean + numbers['rate'] * moments
+    if kind == 'mains_hum':
+        angle = 2 * math.pi * numbers['frequency'] * moments
+        return clean + numbers['sine'] * np.sin(angle) + numbers['cosine'] * np.cos(angle)
+    if kind == 'saturation':
+        return np.clip(clean, -numbers['limit'], numbers['limit'])
+    if kind == 'low_pass_filter':
+        return _low_pass(clean, channel.sample_rate, numbers)
+    distort = mechanism(kind).distort
+    if distort is None:
+        raise ImpactscopeError(f'{kind} is not an effect on samples')
+    return np.asarray(distort(clean, channel.sample_rate, numbers), dtype=np.float64)
+
+
+def _low_pass(samples: Array, rate: float, numbers: Mapping[str, float]) -> Array:
+    cutoff = numbers['cutoff']
+    if cutoff >= 0.49 * rate:
+        return samples
+    sections = signal.butter(round(numbers['order']), cutoff, fs=rate, output='sos')
+    if numbers['zero_phase'] > 0.5:
+        return np.asarray(signal.sosfiltfilt(sections, samples))
+    start = signal.sosfilt_zi(sections) * samples[0]
+    return np.asarray(signal.sosfilt(sections, samples, zi=start)[0])
+
+
+def _softened(residual: Array, jump: Array, centres: Array, kinks: Array) -> Array:
+    """Residuals with a jump of the acceleration as an uncertainty right at the reversals.
+
+    ``jump`` is its size over the noise. Without this a sample that changes sides would change
+    chi-square by the square of the jump, and no fit could settle.
+    """
+    place = np.searchsorted(centres, kinks)
+    out = residual.copy()
+    for shift in (-1, 0):
+        index = np.clip(place + shift, 0, centres.size - 1)
+        near = np.abs(centres[index] - kinks) / _KINK_TIME
+        index, near = index[near < 3.0], near[near < 3.0]
+        variance = (0.7 * jump[index]) ** 2 * np.exp(-(near**2))
+        out[index] = residual[index] / np.sqrt(1.0 + variance)
+    return out

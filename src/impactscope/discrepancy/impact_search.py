@@ -1,0 +1,503 @@
+"""The search: order candidates cheaply, judge them by joint fits, forwards and backwards.
+
+Ordering. At a fitted model every candidate is tried by simulation; what the fitted numbers could
+re-tune is projected out of its signature, and what remains is compared with the residual.
+Judging. The best are fitted jointly with everything else, over all recordings; the fall of
+chi-square is weighed against the number of looks, and recordings that were held out must not
+contradict. The window after the onset grows: what is missing is found where the blow is still
+simple, and checked where later contacts have amplified every error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.evidence import (
+    Thresholds,
+    family_p_value,
+    information,
+    least_gain,
+)
+from impactscope.discrepancy.impact_candidates import Candidate, candidates
+from impactscope.discrepancy.impact_fit import Fit, fit, grow, jacobian, projector
+from impactscope.discrepancy.impact_model import ImpactModel, Layout
+from impactscope.errors import ImpactscopeError
+
+__all__ = ['Found', 'Outcome', 'Search', 'held_out_fit']
+
+Array = NDArray[np.float64]
+
+WINDOWS = (0.04, 0.1, 0.25, math.inf)
+"""s after the onset over which blows are compared in turn; taps count whole from the start."""
+
+_MOST = 3  # findings
+_JOINT = 6  # candidates that are fitted jointly in a step
+_BEAM = 3  # first steps that are followed when none explains the recordings
+_QUIET = 1.15  # reduced chi-square below which a short window holds nothing to look for
+_LOST = 2.0  # reduced chi-square above which a longer window tells nothing more
+_CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """A candidate tried at a model: estimated fall of chi-square and where to start a fit."""
+
+    candidate: Candidate
+    gain: float
+    model: ImpactModel
+    x: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """A candidate that was fitted jointly with all else."""
+
+    candidate: Candidate
+    fit: Fit
+    gain: float  # fall of chi-square, over the reduced chi-square that is left
+    p_value: float
+    criterion: float  # information criterion, less that of the model without the candidate
+
+
+@dataclass(eq=False)
+class Outcome:
+    """What the search came to."""
+
+    baseline: Fit
+    final: Fit
+    accepted: list[Candidate]
+    found: dict[str, Found] = field(default_factory=dict)  # label: the evidence for it
+    rivals: dict[str, list[Found]] = field(default_factory=dict)  # label: what else was fitted
+    last: list[Found] = field(default_factory=list)  # what was looked at and not accepted
+    p_value: float = 1.0
+    looks: int = 1
+    window: float = math.inf
+    held_out_baseline: Fit | None = None
+    held_out_final: Fit | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+def held_out_fit(found: Fit, blows: Sequence[int], window: float = math.inf) -> Fit | None:
+    """Blows predicted with the shared numbers of a fit; only their own unknowns are adjusted."""
+    if not blows:
+        return None
+    values = found.values
+    own = tuple(f for f in found.model.free if f.blow in blows)
+    shared = {f.key: values[f.key] for f in found.model.free if f.blow not in blows}
+    model = found.model.extended(constants=shared)
+    model.free = own
+    return grow(model, blows, windows=(0.012, 0.03, 0.1, window))
+
+
+def _silent(share: float, text: str) -> None:
+    """Progress that nobody wants to see."""
+
+
+@dataclass(eq=False)
+class Search:
+    """The search on one campaign; see the module's description."""
+
+    baseline_names: Sequence[str]
+    thresholds: Thresholds = field(default_factory=Thresholds)
+    progress: Callable[[float, str], None] = _silent
+    windows: Sequence[float] = WINDOWS
+
+    def run(self, baseline: Fit) -> Outcome:
+        """Search from a fitted baseline on."""
+        outcome = Outcome(baseline, baseline, [])
+        current = baseline
+        for n, window in enumerate(self.windows):
+            last = n == len(self.windows) - 1
+            self.progress(0.1 + 0.6 * n / len(self.windows), f'up to {window:g} s')
+            layout = current.model.layout(current.model.data.fitted, window)
+            current = fit(current.model, layout, current.x)
+            outcome.window = window
+            if last or current.reduced > _QUIET:
+                current = self._forward(current, outcome, last=last)
+            if current.reduced > _LOST and not last:
+                break  # what comes later only amplifies what is not understood
+        outcome.final = current
+        self._backward(outcome)
+        outcome.baseline = self._with(outcome, [], outcome.final.layout)
+        return outcome
+
+    # --- forwards ----------------------------------------------------------------------------
+
+    def _forward(self, current: Fit, outcome: Outcome, *, last: bool) -> Fit:
+        """Add what is missing within the current window, one candidate after the other."""
+        while len(outcome.accepted) < _MOST:
+            found, outcome.looks = self.step(current)
+            outcome.last = found
+            good = [f for f in found if f.p_value <= self.thresholds.false_finding]
+            if not good:
+                if found and not outcome.accepted:
+                    outcome.p_value = min(outcome.p_value, min(f.p_value for f in found))
+                break
+            best = good[0]
+            if best.fit.reduced > _LOST and len(good) > 1 and not outcome.accepted:
+                best = self._look_ahead(good)
+            outcome.accepted.append(best.candidate)
+            outcome.found[best.candidate.label] = best
+            outcome.rivals[best.candidate.label] = [f for f in found if f is not best]
+            outcome.p_value = min(outcome.p_value, best.p_value)
+            current = best.fit
+            if current.reduced < _QUIET and not last:
+                break
+        return current
+
+    def _look_ahead(self, good: Sequence[Found]) -> Found:
+        """Of the best first steps, the one from which the next step leads furthest."""
+        reached = []
+        for first in good[:_BEAM]:
+            found, _ = self.step(first.fit)
+            best = min((f.fit.chi_square for f in found), default=first.fit.chi_square)
+            reached.append((best, first))
+        return min(reached, key=lambda item: item[0])[1]
+
+    def step(self, current: Fit) -> tuple[list[Found], int]:
+        """Candidates fitted jointly, the best first, and the number of candidates."""
+        listed = candidates(current, self.baseline_names)
+        trials = self.order(current, listed)
+        found = self.judge(current, trials, len(listed))
+        return self._settle(current, found, len(listed)), len(listed)
+
+    def _settle(self, current: Fit, found: list[Found], looks: int) -> list[Found]:
+        """Weigh again where a candidate only showed the way to a better fit without it."""
+        best = current
+        for item in found[:2]:
+            if item.fit.reduced > 1.5 or item.gain > 1e4:
+                continue
+            if item.p_value > self.thresholds.false_finding:
+                continue
+            known = item.fit.values
+            x = np.array([f.to_inner(known[f.key]) for f in current.model.free])
+            again = fit(current.model, current.layout, x)
+            if again.chi_square < best.chi_square:
+                best = again
+        if best is current:
+            return found
+        fresh = [weigh(f.candidate, f.fit, best, looks) for f in found]
+        return sorted(fresh, key=lambda f: f.criterion)
+
+    def order(self, current: Fit, listed: Sequence[Candidate]) -> list[Trial]:
+        """Every candidate tried, the most promising first."""
+        workbench = _Workbench(current)
+        trials = [t for c in listed if (t := workbench.best(c)) is not None]
+        trials.sort(key=lambda t: t.gain, reverse=True)
+        top = [workbench.refined(workbench.scaled(t)) for t in trials[: 2 * _JOINT]]
+        top.sort(key=lambda t: t.gain, reverse=True)
+        return top
+
+    def judge(self, current: Fit, trials: Sequence[Trial], looks: int) -> list[Found]:
+        """The most promising trials fitted jointly; the best by its criterion first."""
+        found: list[Found] = []
+        seen: dict[str, int] = {}
+        strong = current.reduced > _QUIET
+        spread = max(1.0, current.reduced)
+        best = -math.inf
+        for trial in trials:
+            if len(found) >= _JOINT:
+                break
+            kind = f'{trial.candidate.name}:{trial.candidate.channel}'
+            if seen.get(kind, 0) >= (1 if trial.candidate.channel else 3):
+                continue
+            least = least_gain(trial.candidate.cost, looks, self.thresholds.false_finding)
+            if trial.gain < 0.6 * least * spread or (not strong and trial.gain < best - 20.0):
+                continue
+            seen[kind] = seen.get(kind, 0) + 1
+            try:
+                joint = fit(trial.model, current.layout, trial.x, settled=0.1)
+            except ImpactscopeError:
+                continue
+            found.append(weigh(trial.candidate, joint, current, looks))
+            best = max(best, current.chi_square - joint.chi_square)
+        found.sort(key=lambda f: f.criterion)
+        return found
+
+    # --- backwards ---------------------------------------------------------------------------
+
+    def _backward(self, outcome: Outcome) -> None:
+        """Drop what is not needed once the others are there; swap what a close rival does better.
+
+        Decided in the shortest window that decides: where later contacts have amplified errors,
+        a model that lacks something cannot even be fitted.
+        """
+        done: set[str] = set()
+        while True:
+            left = [c for c in outcome.accepted if c.label not in done]
+            if not left:
+                break
+            candidate = left[-1] if len(left) == len(outcome.accepted) else left[0]
+            done.add(candidate.label)
+            self.progress(0.7 + 0.1 * len(done), f'without {candidate.label}')
+            rest = [c for c in outcome.accepted if c is not candidate]
+            if rest and not self._needed(outcome, candidate, rest):
+                outcome.accepted.remove(candidate)
+                outcome.final = self._with(outcome, rest, outcome.final.layout)
+                continue
+            self._swap(outcome, candidate, rest)
+
+    def _needed(self, outcome: Outcome, candidate: Candidate, rest: list[Candidate]) -> bool:
+        blows = outcome.final.model.data.fitted
+        for window in sorted({self.windows[1], outcome.window}):
+            layout = outcome.final.model.layout(blows, window)
+            with_it = fit(outcome.final.model, layout, outcome.final.x, settled=0.1)
+            without = self._with(outcome, rest, layout)
+            item = weigh(candidate, with_it, without, outcome.looks)
+            outcome.found[candidate.label] = item
+            if item.p_value <= self.thresholds.false_finding:
+                return True
+        return False
+
+    def _swap(self, outcome: Outcome, candidate: Candidate, rest: list[Candidate]) -> None:
+        """Fit close rivals of a finding over the whole window, and let the best one stand."""
+        mine = outcome.found[candidate.label]
+        close = [
+            r
+            for r in outcome.rivals.get(candidate.label, [])
+            if r.criterion < mine.criterion + _CLOSE
+            and r.candidate.label not in {c.label for c in rest}
+        ]
+        layout = outcome.final.layout
+        refitted = []
+        for rival in close[:3]:
+            model = outcome.baseline.model
+            for chosen in (*rest, rival.candidate):
+                model = chosen.extend(model)
+            known = {**outcome.final.values, **rival.fit.values}
+            x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
+            try:
+                other = fit(model, layout, x, settled=0.1)
+            except ImpactscopeError:
+                continue
+            spread = max(1.0, min(other.reduced, outcome.final.reduced))
+            cost = (rival.candidate.cost - candidate.cost) * math.log(layout.size)
+            worse = (other.chi_square - outcome.final.chi_square) / spread
+            refitted.append(
+                Found(
+                    rival.candidate,
+                    other,
+                    mine.gain - worse,
+                    family_p_value(mine.gain - worse, rival.candidate.cost, outcome.looks),
+                    mine.criterion + worse + cost,
+                )
+            )
+        refitted.sort(key=lambda f: f.criterion)
+        outcome.rivals[candidate.label] = refitted
+        if refitted and refitted[0].criterion < mine.criterion - 0.5:
+            best = refitted[0]
+            place = outcome.accepted.index(candidate)
+            outcome.accepted[place] = best.candidate
+            outcome.final = best.fit
+            outcome.found[best.candidate.label] = best
+            outcome.rivals[best.candidate.label] = [mine, *refitted[1:]]
+
+    def _with(self, outcome: Outcome, chosen: Sequence[Candidate], layout: Layout) -> Fit:
+        """The baseline with some of the findings, fitted over a window."""
+        model = outcome.baseline.model
+        for candidate in chosen:
+            model = candidate.extend(model)
+        fits = []
+        for known in (outcome.final.values, outcome.baseline.values):
+            x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
+            fits.append(fit(model, layout, x, settled=0.1, iterations=10))
+            if fits[-1].reduced < _QUIET:
+                break
+        return min(fits, key=lambda f: f.chi_square)
+
+
+def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
+    """A joint fit against the model without the candidate."""
+    spread = max(1.0, joint.reduced)
+    gain = (current.chi_square - joint.chi_square) / spread
+    criterion = information(-gain, candidate.cost, joint.layout.size)
+    return Found(candidate, joint, gain, family_p_value(gain, candidate.cost, looks), criterion)
+
+
+class _Workbench:
+    """Candidates tried at a fitted model, with everything it can re-tune projected out."""
+
+    def __init__(self, current: Fit) -> None:
+        self.current = current
+        self.basis = projector(current.jacobian)
+        self.residual = self._out(current.residuals)
+        self.power = float(self.residual @ self.residual)
+        self.keys = [f.key for f in current.model.free]
+        jac = current.jacobian
+        scale = np.linalg.norm(jac, axis=0)
+        self.scale = np.where(scale > 0, scale, 1.0)
+        self.normal = (jac / self.scale).T @ (jac / self.scale)
+        self.slope = (jac / self.scale).T @ current.residuals
+
+    def _out(self, vector: Array) -> Array:
+        return vector - self.basis @ (self.basis.T @ vector)
+
+    def _aligned(self, model: ImpactModel, residuals: Array) -> Array:
+        """Residuals of an extended model in the order of the current one's."""
+        size = self.current.layout.size
+        out = np.zeros(size + len(self.keys))
+        out[:size] = residuals[:size]
+        place = {f.key: j for j, f in enumerate(model.free)}
+        for j, key in enumerate(self.keys):
+            out[size + j] = residuals[size + place[key]]
+        return out
+
+    def best(self, candidate: Candidate) -> Trial | None:
+        """The best of a candidate's starts, each simulated once."""
+        if any(f.key in self.keys for f in candidate.free):
+            return self._released(candidate)
+        found: Trial | None = None
+        for start in candidate.starts:
+            trial = self._tried(candidate, start)
+            if trial is not None and (found is None or trial.gain > found.gain):
+                found = trial
+        return found
+
+    def _vector(self, model: ImpactModel, start: Mapping[str, float]) -> Array:
+        known = self.current.values
+        return np.array(
+            [f.to_inner(start.get(f.key, known.get(f.key, f.start))) for f in model.free]
+        )
+
+    def _left(self, model: ImpactModel, x: Array) -> Array:
+        """What the fitted numbers cannot re-tune of the residuals of an extended model."""
+        return self._out(self._aligned(model, model.residuals(x, self.current.layout)))
+
+    def _tried(self, candidate: Candidate, start: Mapping[str, float]) -> Trial | None:
+        model = candidate.extend(self.current.model)
+        x = self._vector(model, start)
+        if len(candidate.free) > 4:  # a number for each blow: linear
+            return self.refined(Trial(candidate, 0.0, model, x), 1)
+        try:
+            left = self._left(model, x)
+        except ImpactscopeError:
+            return None
+        gain = self.power - float(left @ left)
+        if not candidate.amplitudes:
+            return Trial(candidate, gain, model, x)
+        factor, linear = self._factor(left)
+        if factor < 0.0 and self._one_sided(candidate, start):
+            return Trial(candidate, min(gain, 0.0), model, x)
+        x = self._vector(model, self._times(candidate, start, float(np.clip(factor, -30.0, 30.0))))
+        return Trial(candidate, max(gain, linear), model, x)
+
+    def _factor(self, left: Array) -> tuple[float, float]:
+        """By how much an effect must be scaled to fit best, and what it then gains; linear."""
+        effect = left - self.residual
+        size = float(effect @ effect)
+        if size < 1e-12:
+            return 1.0, 0.0
+        match = -float(effect @ self.residual)
+        return match / size, match * match / size
+
+    @staticmethod
+    def _one_sided(candidate: Candidate, start: Mapping[str, float]) -> bool:
+        return any(
+            f.key in candidate.amplitudes
+            and (f.lower == candidate.amplitudes[f.key] or f.upper == candidate.amplitudes[f.key])
+            for f in candidate.free
+            if f.key in start
+        )
+
+    @staticmethod
+    def _times(
+        candidate: Candidate, start: Mapping[str, float], factor: float
+    ) -> dict[str, float]:
+        scaled = dict(start)
+        for key, absent in candidate.amplitudes.items():
+            if key in scaled:
+                scaled[key] = absent + factor * (scaled[key] - absent)
+        return scaled
+
+    def scaled(self, trial: Trial, rounds: int = 3) -> Trial:
+        """A trial with its strength brought to where it fits best, by simulation."""
+        candidate = trial.candidate
+        if (
+            not candidate.amplitudes
+            or len(candidate.free) > 4
+            or candidate.free[0].key in self.keys
+        ):
+            return trial
+        model, x = trial.model, trial.x
+        best: Trial | None = None
+        for _ in range(rounds):
+            try:
+                left = self._left(model, x)
+            except ImpactscopeError:
+                break
+            gain = self.power - float(left @ left)
+            if best is None or gain > best.gain:
+                best = Trial(candidate, gain, model, x)
+            factor, _ = self._factor(left)
+            if abs(factor - 1.0) < 0.15 or not math.isfinite(factor):
+                break
+            values = model.values(x)
+            start = {f.key: values[f.key] for f in candidate.free}
+            x = self._vector(
+                model, self._times(candidate, start, float(np.clip(factor, 0.05, 10)))
+            )
+        return best or trial
+
+    def _released(self, candidate: Candidate) -> Trial:
+        """A number whose prior is let go: in the linear approximation, in closed form."""
+        model = candidate.extend(self.current.model)
+        j = self.keys.index(candidate.free[0].key)
+        row = self.current.layout.size + j
+        a = np.zeros(len(self.keys))
+        a[j] = self.current.jacobian[row, j] / self.scale[j]
+        normal = self.normal - np.outer(a, a)
+        slope = self.slope - a * self.current.residuals[row]
+        step = np.linalg.lstsq(normal, slope, rcond=1e-12)[0]
+        residuals = self.current.residuals
+        before = float(residuals @ residuals)
+        after = before - float(residuals[row]) ** 2 - float(slope @ step)
+        gain = self.power - after
+        known = dict(zip(self.keys, self.current.x - step / self.scale, strict=True))
+        x = np.array([known[f.key] for f in model.free])
+        lower, upper = model.bounds()
+        return Trial(candidate, gain, model, np.clip(x, lower, upper))
+
+    def refined(self, trial: Trial, iterations: int = 2) -> Trial:
+        """A trial with its own numbers adjusted, the others re-tuned in linear approximation."""
+        new = [j for j, f in enumerate(trial.model.free) if f.key not in self.keys]
+        if not new:
+            return trial
+        layout, model, x = self.current.layout, trial.model, trial.x.copy()
+        lower, upper = model.bounds()
+        try:
+            residuals = model.residuals(x, layout)
+            left = self._out(self._aligned(model, residuals))
+            cost = float(left @ left)
+            for _ in range(iterations):
+                slopes = jacobian(model, x, layout, residuals, only=new)[:, new]
+                columns = np.stack(
+                    [self._out(self._aligned(model, slopes[:, k])) for k in range(len(new))], 1
+                )
+                scale = np.linalg.norm(columns, axis=0)
+                scale[scale == 0.0] = 1.0
+                step = -np.linalg.lstsq(columns / scale, left, rcond=1e-6)[0] / scale
+                accepted = False
+                for share in (1.0, 0.3, 0.1):
+                    moved = x.copy()
+                    moved[new] = np.clip(x[new] + share * step, lower[new], upper[new])
+                    trial_residuals = model.residuals(moved, layout)
+                    out = self._out(self._aligned(model, trial_residuals))
+                    moved_cost = float(out @ out)
+                    if moved_cost < cost - 0.01:
+                        accepted = True
+                        break
+                if not accepted:
+                    break
+                fallen = cost - moved_cost
+                x, residuals, left, cost = moved, trial_residuals, out, moved_cost
+                if fallen < 0.02 * max(self.power - cost, 1.0):
+                    break
+        except ImpactscopeError:
+            return trial
+        gain = self.power - cost
+        return Trial(trial.candidate, gain, model, x) if gain >= trial.gain else trial
