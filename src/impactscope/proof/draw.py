@@ -1,0 +1,445 @@
+"""Campaigns drawn at random: conditions, what is concealed, how strongly."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bench import BENCH, Pendulum, Pulse
+from .detectability import Freedom, norm, samples
+from .effects import EFFECTS, Effect
+from .integrator import COLUMNS, integrate
+from .measurement import HAMMER
+from .scenario import Blow, Chain, Scenario, Sensor, impactor
+
+__all__ = [
+    'CATEGORIES',
+    'CONFUSABLE',
+    'Concealed',
+    'Part',
+    'alternatives',
+    'draw',
+    'draw_scenario',
+    'solve_strength',
+]
+
+Array = NDArray[np.float64]
+
+CATEGORIES: Mapping[str, float] = {
+    'clean': 0.20,
+    'single': 0.42,
+    'pair': 0.12,
+    'outside': 0.10,
+    'parameter': 0.09,
+    'label': 0.07,
+}
+WEAKEST, STRONGEST = 0.3, 100.0  # d'
+CONFUSABLE = 2.0  # an alternative that leaves less than this d' cannot be ruled out
+LAYER = {'layer_stiffness': 38320.0, 'branch_stiffness': 18840.0, 'branch_damping': 77900.0}
+_DISTANCES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One concealed effect with its strength."""
+
+    key: str
+    name: str
+    subsystem: str
+    family: str
+    parameters: Mapping[str, float | str]
+    detectability: float
+
+
+@dataclass(frozen=True)
+class Concealed:
+    """A campaign, what its file states, and what is hidden in it."""
+
+    stated: Scenario
+    truth: Scenario
+    category: str
+    parts: tuple[Part, ...] = ()
+    detectability: float = 0.0  # the least of the parts, each beside the others
+    confusable: Mapping[str, float] = field(default_factory=dict)  # name: d' it leaves
+
+
+def draw_scenario(rng: np.random.Generator, kind: str = 'impact') -> Scenario:
+    """A clean campaign under random conditions; ``kind`` is 'impact' or 'driven'."""
+    return _driven(rng) if kind == 'driven' else _impact(rng)
+
+
+def draw(
+    rng: np.random.Generator,
+    *,
+    category: str | None = None,
+    kind: str | None = None,
+    classes: bool = True,
+) -> Concealed:
+    """A concealed campaign.
+
+    Args:
+        rng: the only source of chance.
+        category: one of ``CATEGORIES``; None: drawn.
+        kind: 'impact' or 'driven'; None: drawn, one in six driven.
+        classes: whether to find what the data cannot tell from the truth (takes longest).
+    """
+    if category is None:
+        weights = np.array(list(CATEGORIES.values()))
+        category = str(rng.choice(list(CATEGORIES), p=weights / weights.sum()))
+    if kind is None:
+        drivable = category not in ('parameter', 'label')
+        kind = 'driven' if drivable and rng.random() < 1 / 6 else 'impact'
+    clean = draw_scenario(rng, kind)
+    if category == 'clean':
+        return Concealed(clean, clean, category)
+    if category == 'pair':
+        return _pair(rng, clean, classes=classes)
+    family = 'library' if category == 'single' else category
+    chosen = _choose(rng, clean, family)
+    baseline = chosen.prepare(clean)
+    aux = chosen.setup(rng, baseline)
+    wanted = _wanted(rng)
+    freedom = Freedom(baseline)
+    strength, size = solve_strength(freedom, chosen, aux, wanted)
+    truth = chosen.apply(baseline, strength, aux)
+    part = _part(chosen, strength, aux, size)
+    confusable = {}
+    if classes and size >= 1:
+        left, _ = freedom.fitted(truth, refine=2)
+        confusable = alternatives(rng, freedom, left, skip=chosen)
+    return Concealed(baseline, truth, category, (part,), size, confusable)
+
+
+def solve_strength(
+    freedom: Freedom, chosen: Effect, aux: Mapping[str, float | str], wanted: float
+) -> tuple[float, float]:
+    """Strength at which an effect has the wanted d', and the d' it then has.
+
+    Found on a logarithmic scale, linear re-tuning first and the baseline simulated anew at the
+    end; where no strength in the effect's range has the wanted d', the nearest.
+    """
+    if not chosen.tunable:
+        truth = chosen.apply(freedom.baseline, 1.0, aux)
+        return 1.0, freedom.detectability(truth, refine=3)
+    if chosen.name == 'quantisation':
+        return _quantisation(freedom, aux, wanted)
+    strength, _ = _search(freedom, chosen, aux, wanted, math.sqrt(chosen.low * chosen.high), 0)
+    return _search(freedom, chosen, aux, wanted, strength, 2, trials=5)
+
+
+def alternatives(
+    rng: np.random.Generator,
+    freedom: Freedom,
+    left: Sequence[Array],
+    skip: Effect,
+    limit: float = CONFUSABLE,
+) -> dict[str, float]:
+    """Mechanisms that would explain a remainder as well, and the d' each would leave.
+
+    Every other effect of the library is given the same d' and its remainder is subtracted in
+    the best proportion, 0 to 2; what it cannot remove is its d'.
+    """
+    size = norm(left)
+    found: dict[str, float] = {}
+    for other in EFFECTS:
+        if other.family in ('outside', 'label') or other.key == skip.key:
+            continue
+        if not other.tunable or other.name == 'quantisation' or not other.fits(freedom.baseline):
+            continue
+        if other.name == 'gravity_load' and 'gravity_load' in freedom.baseline.baseline:
+            continue
+        for _ in range(2):
+            aux = other.setup(rng, freedom.baseline)
+            start = math.sqrt(other.low * other.high)
+            strength, reached = _search(freedom, other, aux, size, start, 0, trials=5, close=1.5)
+            if reached > 0:
+                turned = other.apply(freedom.baseline, strength, aux)
+                mine, reached = freedom.fitted(turned, refine=1)
+                along = sum(float(a @ b) for a, b in zip(left, mine, strict=True))
+                share = min(max(along / reached**2, 0.0), 2.0)
+                rest = math.sqrt(max(size**2 - 2 * share * along + (share * reached) ** 2, 0.0))
+                if rest < limit and rest < 0.5 * size:
+                    found[other.name] = min(rest, found.get(other.name, math.inf))
+            if not aux or set(aux) == {'sign'}:  # nothing else to try
+                break
+    return dict(sorted(found.items(), key=lambda item: item[1]))
+
+
+def _pair(rng: np.random.Generator, clean: Scenario, *, classes: bool) -> Concealed:
+    """Two effects of different subsystems; d' is the lesser, each beside the other."""
+    first = _choose(rng, clean, 'library', tunable=True)
+    while True:
+        second = _choose(rng, clean, 'library', tunable=True)
+        if second.subsystem != first.subsystem and 'quantisation' not in (first.name, second.name):
+            break
+        if first.name == 'quantisation':
+            first = _choose(rng, clean, 'library', tunable=True)
+    baseline = second.prepare(first.prepare(clean))
+    freedom = Freedom(baseline)
+    wanted = _wanted(rng)
+    turned = []
+    for effect, target in ((first, wanted), (second, wanted * 10 ** rng.uniform(0, 0.5))):
+        aux = effect.setup(rng, baseline)
+        strength, _ = solve_strength(freedom, effect, aux, target)
+        turned.append((effect, strength, aux))
+    alone = [samples(effect.apply(baseline, strength, aux)) for effect, strength, aux in turned]
+    truth = baseline
+    for effect, strength, aux in turned:
+        truth = effect.apply(truth, strength, aux)
+    both = samples(truth)
+    parts = []
+    confusable: dict[str, float] = {}
+    for (effect, strength, aux), other in zip(turned, alone[::-1], strict=True):
+        left = freedom.remainder([a - b for a, b in zip(both, other, strict=True)])
+        beside = _beside(
+            left, freedom.remainder([a - b for a, b in zip(other, freedom.reference, strict=True)])
+        )
+        parts.append(_part(effect, strength, aux, beside))
+        if classes and beside >= 1:
+            confusable |= alternatives(rng, freedom, left, skip=effect)
+    size = min(p.detectability for p in parts)
+    return Concealed(baseline, truth, 'pair', tuple(parts), size, confusable)
+
+
+def _beside(left: Sequence[Array], other: Sequence[Array]) -> float:
+    """Norm of a remainder past what the strength of the other effect can imitate."""
+    along = sum(float(a @ b) for a, b in zip(left, other, strict=True))
+    size = norm(other)
+    return math.sqrt(max(norm(left) ** 2 - (along / size) ** 2, 0.0)) if size else norm(left)
+
+
+def _wanted(rng: np.random.Generator) -> float:
+    return float(np.exp(rng.uniform(np.log(WEAKEST), np.log(STRONGEST))))
+
+
+def _choose(
+    rng: np.random.Generator, scenario: Scenario, family: str, *, tunable: bool = False
+) -> Effect:
+    driven = scenario.kind == 'driven'
+    candidates = [
+        e
+        for e in EFFECTS
+        if e.family == family
+        and e.fits(scenario)
+        and (e.tunable or not tunable)
+        and not (driven and e.key in _NOT_DRIVEN)
+    ]
+    return candidates[int(rng.integers(len(candidates)))]
+
+
+_NOT_DRIVEN = {'end_stop', 'added_mass', 'base_compliance'}
+
+
+def _part(chosen: Effect, strength: float, aux: Mapping[str, float | str], size: float) -> Part:
+    values = chosen.parameters(strength, aux)
+    if 'channel' in aux:
+        values = values | {'channel': aux['channel']}
+    return Part(chosen.key, chosen.name, chosen.subsystem, chosen.family, values, size)
+
+
+def _search(
+    freedom: Freedom,
+    chosen: Effect,
+    aux: Mapping[str, float | str],
+    wanted: float,
+    start: float,
+    refine: int,
+    *,
+    trials: int = 14,
+    close: float = 1.05,
+) -> tuple[float, float]:
+    """Strength for a d', by secants of log d' over log strength inside a bracket."""
+    low, high = math.log(chosen.low), math.log(chosen.high)
+    at = min(max(math.log(start), low), high)
+    slope = 1.0
+    last: tuple[float, float] | None = None
+    best = (math.inf, math.exp(at), 0.0)
+    for _ in range(trials):
+        size = freedom.detectability(
+            chosen.apply(freedom.baseline, math.exp(at), aux), refine=refine
+        )
+        level = math.log(max(size, 1e-9))
+        miss = abs(level - math.log(wanted))
+        if miss < best[0]:
+            best = (miss, math.exp(at), size)
+        if miss < math.log(close):
+            break
+        if level < math.log(wanted):
+            low = max(low, at)
+        else:
+            high = min(high, at)
+        if high - low < 1e-3:
+            break
+        if last is not None and abs(at - last[0]) > 1e-6:
+            slope = min(max((level - last[1]) / (at - last[0]), 0.3), 8.0)
+        last = (at, level)
+        ahead = at + (math.log(wanted) - level) / slope
+        margin = 0.02 * (high - low)
+        if not low + margin < ahead < high - margin:
+            at_edge = low if ahead <= low + margin else high
+            edge = math.log(chosen.low) if at_edge == low else math.log(chosen.high)
+            ahead = at_edge if at_edge == edge and at != edge else 0.5 * (low + high)
+        at = ahead
+    return best[1], best[2]
+
+
+def _quantisation(
+    freedom: Freedom, aux: Mapping[str, float | str], wanted: float
+) -> tuple[float, float]:
+    """Steps act as further noise: d' from the rise of the variance, step²/12."""
+    scenario, name = freedom.baseline, str(aux['channel'])
+    count = sum(math.ceil(b.duration * scenario.rates[name]) for b in scenario.blows)
+    rise = wanted / math.sqrt(count / 2)
+    return scenario.noise[name] * math.sqrt(12 * rise), wanted
+
+
+def _impact(rng: np.random.Generator) -> Scenario:
+    orientation = str(rng.choice(['vertical', 'horizontal']))
+    layered = rng.random() < 0.8
+    count = int(rng.integers(5, 11))
+    taps = int(rng.integers(1, max(2, count // 2)))
+    held = 1 if count < 7 else 2
+    rate = float(rng.choice([1000, 2000, 2560, 5000, 10000], p=[0.2, 0.3, 0.15, 0.25, 0.1]))
+    other = 5000.0 if rng.random() < 0.2 else rate  # the accelerometers' own device
+    rates = {'force': rate}
+    for name, share in (('plate', 0.95), ('impactor', 0.85), ('base', 0.8)):
+        if rng.random() < share:
+            rates[f'acceleration.{name}'] = other
+    noise = {
+        n: float(10 ** (rng.uniform(-1, -0.3) if n == 'force' else rng.uniform(-1.3, -0.5)))
+        for n in rates
+    }
+    deviation = {n: 0.003 if n == 'force' else 0.005 for n in rates}
+    chains = {n: Chain(gain=1 + rng.normal(0, deviation[n])) for n in rates}
+    stiffness = float(rng.choice([69e3, 69e3, 40e3, 110e3]))
+    mass = 1.67 * float(rng.uniform(0.85, 1.15))
+    zeta = float(rng.uniform(0.03, 0.10))
+    true = stiffness + float(rng.normal(0, 500))
+    bench = BENCH._replace(
+        mass=mass,
+        stiffness=true,
+        damping=2 * zeta * math.sqrt(true * mass),
+        gravity_load=1.0 if orientation == 'vertical' else 0.0,
+        **(
+            LAYER
+            if layered
+            else {
+                'hertz_stiffness': float(10 ** rng.uniform(7.0, 8.3)),
+                'hertz_damping': float(rng.uniform(0.5, 1.5)),
+            }
+        ),
+    )
+    pendulum = Pendulum()
+    blows: list[Blow] = []
+    for i in range(count):
+        start = float(rng.uniform(0.3, 0.6))
+        duration = start + float(rng.uniform(0.6, 1.0))
+        phase = float(rng.uniform(0, 2 * np.pi))
+        role = 'hold_out' if i >= count - held else 'fit'
+        if i < taps:
+            tapped = bench._replace(gravity_load=0.0)
+            blows.append(Blow('tap', tapped, start, duration, role, (_tap(rng),), hum_phase=phase))
+            continue
+        angle = float(rng.uniform(5, 16) if orientation == 'vertical' else rng.uniform(15, 40))
+        blow = Blow(
+            'pendulum',
+            bench,
+            start,
+            duration,
+            role,
+            distance=float(rng.choice(_DISTANCES)),
+            angle_deg=round(angle, 1),
+            angle_error_deg=float(rng.normal(0, 0.1)),
+            hum_phase=phase,
+        )
+        fields = impactor(pendulum, blow, orientation, bench)
+        blow = replace(blow, bench=bench._replace(**fields))
+        pull = fields['gravity_load'] / fields['impactor_mass']
+        blows.append(
+            replace(
+                blow,
+                duration=start + _legible(blow, noise),
+                fall=fields['speed'] / pull if pull > 0 else 0.2,
+            )
+        )
+    baseline = ['linear_sensor', 'zener_damper' if layered else 'hertz_contact']
+    baseline += ['unilateral_contact', *(['gravity_load'] if orientation == 'vertical' else [])]
+    return Scenario(
+        'impact',
+        orientation,
+        tuple(blows),
+        rates,
+        noise,
+        chains,
+        tuple(baseline),
+        layer=LAYER if layered else None,
+        sensor=Sensor(stiffness),
+        pendulum=pendulum,
+        gain_std=deviation,
+    )
+
+
+def _legible(blow: Blow, noise: Mapping[str, float]) -> float:
+    """How long a blow can be followed, s: a light impactor bounces as on a shaking table.
+
+    The recording ends where 2e-6 of the impact speed would move a sample by its noise: behind
+    that no two simulations agree, nor do a simulation and a bench.
+    """
+    t = np.arange(0, blow.duration - blow.start, 2e-4)
+    faster = blow.bench._replace(speed=blow.bench.speed * (1 + 2e-6))
+    change = np.abs(integrate(faster, t) - integrate(blow.bench, t))
+    columns = {name: COLUMNS.index(name) for name in noise if name in COLUMNS}
+    moved = np.max([change[:, c] / noise[n] for n, c in columns.items()], axis=0)
+    beyond = np.flatnonzero(moved > 1)
+    return max(float(t[beyond[0]]), 0.05) if beyond.size else blow.duration - blow.start
+
+
+def _tap(rng: np.random.Generator) -> Pulse:
+    return Pulse(
+        0.0,
+        float(rng.uniform(0.002, 0.006)),
+        float(rng.uniform(100, 500)),
+        float(rng.uniform(1.0, 2.0)),
+    )
+
+
+def _driven(rng: np.random.Generator) -> Scenario:
+    count = int(rng.integers(5, 9))
+    rate = float(rng.choice([5000, 10000]))
+    mass = float(rng.uniform(0.8, 3.0))
+    omega = 2 * math.pi * float(rng.uniform(15, 60))
+    zeta = float(rng.uniform(0.01, 0.08))
+    bench = BENCH._replace(mass=mass, stiffness=mass * omega**2, damping=2 * zeta * mass * omega)
+    noise = {'acceleration.plate': float(10 ** rng.uniform(-1.3, -0.5))}
+    noise[HAMMER] = 0.02 * mass * noise['acceleration.plate']
+    blows = []
+    for i in range(count):
+        start = float(rng.uniform(0.1, 0.3))
+        pulses = [
+            Pulse(at, float(rng.uniform(0.004, 0.010)), float(rng.uniform(60, 400)), 2.0)
+            for at in (0.0, float(rng.uniform(0.1, 0.4)))[: int(rng.integers(1, 3))]
+        ]
+        blows.append(
+            Blow(
+                'driven',
+                bench,
+                start,
+                start + float(rng.uniform(0.8, 1.2)),
+                'hold_out' if i >= count - 2 else 'fit',
+                tuple(pulses),
+                hum_phase=float(rng.uniform(0, 2 * np.pi)),
+            )
+        )
+    return Scenario(
+        'driven',
+        'vertical',
+        tuple(blows),
+        {'acceleration.plate': rate},
+        noise,
+        {'acceleration.plate': Chain()},
+        ('linear_sensor',),
+    )

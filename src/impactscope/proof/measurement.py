@@ -1,0 +1,133 @@
+"""From the motion of the bench to the samples of its channels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt, sosfiltfilt
+
+from .integrator import COLUMNS, integrate
+from .scenario import Blow, Chain, Scenario
+
+__all__ = ['HAMMER', 'hammer_force', 'measure', 'noise_free', 'whitened']
+
+Array = NDArray[np.float64]
+
+HAMMER = 'force.hammer'
+RELEASE = 0.01  # s, in which the pendulum is let go
+FINE_RATE = 40e3  # Hz at least, at which analogue filters are followed
+
+
+def noise_free(blow: Blow, scenario: Scenario) -> dict[str, Array]:
+    """Samples of every response channel as the chain gives them without noise.
+
+    Saturation is in them, quantisation is not: it belongs behind the noise.
+    """
+    groups: dict[tuple[float, float, float], list[str]] = {}
+    factors = {}
+    for name in scenario.channels:
+        chain, rate = scenario.chains[name], scenario.rates[name]
+        factors[name] = math.ceil(FINE_RATE / rate) if chain.cutoff or chain.corner else 1
+        key = rate * factors[name], chain.clock_offset, chain.clock_drift
+        groups.setdefault(key, []).append(name)
+    result = {}
+    for (rate, offset, drift), names in groups.items():
+        stamps = np.arange(math.ceil(blow.duration * rate)) / rate
+        motion = _motion(blow, stamps + offset + drift * stamps - blow.start)
+        for name in names:
+            signal = motion[:, COLUMNS.index(name)]
+            coarse = _filtered(signal, scenario.chains[name], rate)[:: factors[name]]
+            t = stamps[:: factors[name]]
+            result[name] = _shifted(coarse, t, scenario.chains[name], blow.hum_phase)
+    return {name: result[name] for name in scenario.channels}
+
+
+def measure(blow: Blow, scenario: Scenario, rng: np.random.Generator) -> dict[str, Array]:
+    """Samples with noise; in a driven campaign with the measured input in ``force.hammer``."""
+    result = {}
+    for name, clean in noise_free(blow, scenario).items():
+        chain = scenario.chains[name]
+        values = clean + rng.normal(0, scenario.noise[name], clean.size)
+        if chain.limit > 0:
+            values = np.clip(values, -chain.limit, chain.limit)
+        if chain.step > 0:
+            values = chain.step * np.round(values / chain.step)
+        result[name] = values
+    if scenario.kind == 'driven':
+        rate = max(scenario.rates.values())
+        force = hammer_force(blow, rate)
+        result[HAMMER] = force + rng.normal(0, scenario.noise[HAMMER], force.size)
+    return result
+
+
+def hammer_force(blow: Blow, rate: float) -> Array:
+    """The driving force at the samples of the recording, N."""
+    t = np.arange(math.ceil(blow.duration * rate)) / rate - blow.start
+    force = np.zeros(t.size)
+    for pulse in blow.pulses:
+        share = (t - pulse.start) / pulse.duration
+        inside = (share > 0) & (share < 1)
+        force[inside] += pulse.peak * np.sin(np.pi * share[inside]) ** pulse.power
+    return force
+
+
+def _motion(blow: Blow, t: Array) -> Array:
+    """Motion at times after first contact; before it only the impactor moves."""
+    after = t >= 0
+    motion = np.zeros((t.size, len(COLUMNS)))
+    motion[after] = integrate(blow.bench, t[after], pulses=blow.pulses)
+    motion[~after, COLUMNS.index('acceleration.impactor')] = _fall(blow, t[~after])
+    return motion
+
+
+def _fall(blow: Blow, t: Array) -> Array:
+    """Acceleration of the impactor between release and contact, m/s²; t < 0."""
+    bench = blow.bench
+    if bench.impactor_mass == 0 or blow.fall <= 0:
+        return np.zeros(t.size)
+    pull = bench.gravity_load / bench.impactor_mass
+    omega = math.sqrt(bench.restoring / bench.impactor_mass)
+    free = pull * np.cos(omega * t) - omega * bench.speed * np.sin(omega * t)
+    let_go = np.clip((t + blow.fall) / RELEASE, 0, 1)
+    fall: Array = free * np.sin(np.pi / 2 * let_go) ** 2
+    return fall
+
+
+def _filtered(signal: Array, chain: Chain, rate: float) -> Array:
+    if chain.cutoff > 0:
+        sections = butter(chain.order, chain.cutoff, fs=rate, output='sos')
+        run: Callable[..., Array] = sosfiltfilt if chain.zero_phase else sosfilt
+        signal = run(sections, signal)
+    if chain.corner > 0:
+        signal = sosfilt(butter(1, chain.corner, 'highpass', fs=rate, output='sos'), signal)
+    return signal
+
+
+def _shifted(signal: Array, t: Array, chain: Chain, phase: float) -> Array:
+    values = chain.gain * signal + chain.offset + chain.drift * t
+    if chain.hum != 0:
+        values = values + chain.hum * np.sin(2 * np.pi * chain.hum_frequency * t + phase)
+    if chain.limit > 0:
+        values = np.clip(values, -chain.limit, chain.limit)
+    return values
+
+
+def whitened(samples: Mapping[str, Array], scenario: Scenario, blow: Blow) -> Array:
+    """All channels of one recording in units of their noise, one after another.
+
+    Samples taken while a tap of unknown course acts carry no weight.
+    """
+    parts = []
+    for name in scenario.channels:
+        rate = scenario.rates[name]
+        values = samples[name] / scenario.noise[name]
+        if blow.excited_until > 0:
+            first = math.floor((blow.start - 1e-3) * rate)
+            last = math.ceil((blow.start + blow.excited_until + 1e-3) * rate)
+            values = values.copy()
+            values[first:last] = 0.0
+        parts.append(values)
+    return np.concatenate(parts)

@@ -1,0 +1,271 @@
+"""From drawing to scoring, with engines that are dummies."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binom
+
+from impactscope.errors import ConfigurationError, InputError
+from impactscope.proof.__main__ import main
+from impactscope.proof.confusion_picture import confusion_svg
+from impactscope.proof.generate import generate
+from impactscope.proof.intervals import share
+from impactscope.proof.marking import mark
+from impactscope.proof.peers import peers, refit, stlsq
+from impactscope.proof.score import confusion, lines, read_marks, score
+from impactscope.proof.sealed import open_sealed, seal
+from impactscope.recordings import open_recording
+from impactscope.records import SampleBlock
+
+WORDS = (
+    'friction', 'truth', 'answer', 'strength', 'category', 'clean', 'single', 'detectab', 'wrong',
+)  # fmt: skip
+ENGINE = """
+import json, sys
+folder, out = sys.argv[2], sys.argv[4]
+json.dump({'mismatch': {'detected': False, 'subsystems': [], 'regions': []}, 'accepted': [],
+           'ranking': [], 'fit': {}, 'unexplained': False}, open(out, 'w'))
+"""
+
+
+@pytest.fixture(scope='module')
+def examination(tmp_path_factory) -> tuple[Path, str]:
+    output = tmp_path_factory.mktemp('proof')
+    kinds = ('clean', 'single')
+    return output, generate(output, 8, 2, categories=kinds, classes=False)
+
+
+def test_a_campaign_says_nothing_of_what_is_hidden(examination):
+    output, _ = examination
+    for folder in sorted((output / 'campaigns').iterdir()):
+        text = (folder / 'campaign.yaml').read_text()
+        described = yaml.safe_load(text)
+        assert described['version'] == 1
+        names = [entry['file'] for entry in described['recordings']]
+        assert sorted(p.name for p in folder.glob('*.mcap')) == sorted(names)
+        assert any(entry['role'] == 'hold_out' for entry in described['recordings'])
+        said = text.lower() + ' '.join(p.name for p in folder.iterdir())
+        assert not [w for w in WORDS if w in said]
+        raw = b''.join((folder / name).read_bytes().lower() for name in names)
+        assert not [w for w in WORDS if w.encode() in raw]
+
+
+def test_recordings_hold_every_channel_without_gaps(examination):
+    output, _ = examination
+    path = next((output / 'campaigns' / 'campaign_0000').glob('*.mcap'))
+    following: dict[str, tuple[int, int]] = {}
+    with open_recording(path) as recording:
+        for _, _, block in recording.records(None):
+            assert isinstance(block, SampleBlock)
+            index, stamp = following.get(block.channel, (0, block.stamp_ns))
+            assert block.first_index == index
+            assert abs(block.stamp_ns - stamp) <= 1
+            ahead = round(block.values.size / block.sample_rate * 1e9)
+            following[block.channel] = index + block.values.size, block.stamp_ns + ahead
+            assert np.isfinite(block.values).all()
+    assert 'force' in following
+
+
+def test_what_is_there_is_kept_and_another_seed_is_refused(examination):
+    output, digest = examination
+    before = {p: p.stat().st_mtime_ns for p in output.rglob('*.mcap')}
+    again = generate(output, 8, 2, categories=('clean', 'single'), classes=False)
+    assert again == digest
+    assert before == {p: p.stat().st_mtime_ns for p in output.rglob('*.mcap')}
+    with pytest.raises(ConfigurationError):
+        generate(output, 9, 2, categories=('clean', 'single'))
+    with pytest.raises(ConfigurationError):
+        generate(output, 8, 2, categories=('nonsense',))
+
+
+def test_a_silent_engine_is_right_on_clean_campaigns_alone(examination, tmp_path, capsys):
+    output, digest = examination
+    engine = tmp_path / 'engine.py'
+    engine.write_text(ENGINE)
+    command = f'{sys.executable} {engine}'
+    arguments = ['--output', str(output), '--engine', command, '--digest', digest]
+    assert main(['run', *arguments]) == 0
+    assert main(['score', *arguments]) == 0
+    said = capsys.readouterr().out
+    assert 'finding although nothing is missing' in said
+    assert (output / 'score.json').exists()
+    marks = {m.category: m for m in read_marks(output, digest)}
+    assert not marks['clean'].finding
+    if marks['single'].truth:
+        assert marks['single'].right_set is False
+
+
+def test_an_engine_that_fails_is_no_answer(tmp_path):
+    (tmp_path / 'campaigns' / 'c').mkdir(parents=True)
+    assert main(['run', '--output', str(tmp_path), '--engine', '/nowhere/engine']) == 0
+    assert json.loads((tmp_path / 'results' / 'c.run.json').read_text())['code'] == -2
+
+
+def test_a_broken_seal_is_told(tmp_path):
+    digest = seal(tmp_path / 'a.sealed', {'x': 1})
+    assert open_sealed(tmp_path / 'a.sealed', digest) == {'x': 1}
+    other = seal(tmp_path / 'a.sealed', {'x': 2})
+    assert other != digest
+    with pytest.raises(InputError):
+        open_sealed(tmp_path / 'a.sealed', digest)
+
+
+def _answer(name='coulomb_friction', size=20.0, family='library', subsystem='guide', **more):
+    part = {
+        'key': name,
+        'name': name,
+        'subsystem': subsystem,
+        'family': family,
+        'parameters': {'force': 2.0},
+        'detectability': size,
+    }
+    kind = {'library': 'single', 'outside': 'outside', 'parameter': 'parameter'}[family]
+    return {
+        'category': kind,
+        'detectability': size,
+        'parts': [part],
+        'confusable': {},
+        'evidence': {'recording_00.mcap': {'force': {'10': 0.75, '50': 0.25}}},
+    } | more
+
+
+def _reply(*names, std=0.2, confused=(), **more):
+    return {
+        'mismatch': {
+            'detected': bool(names),
+            'subsystems': ['guide'],
+            'regions': [
+                {'recording': 'recording_00.mcap', 'channel': 'force', 'start_s': 0.08,
+                 'end_s': 0.12},
+            ],
+        },
+        'accepted': list(names),
+        'ranking': [
+            {'name': n, 'probability': 0.9, 'confused_with': list(confused),
+             'parameters': {'force': {'value': 2.1, 'std': std, 'unit': 'N'}}}
+            for n in names
+        ],
+        'fit': {'extended': {'held_out_rmse': {'force': 0.32}}, 'noise_floor': {'force': 0.3}},
+        'unexplained': False,
+    } | more  # fmt: skip
+
+
+def test_a_right_answer_is_right_in_every_respect():
+    m = mark('c', _answer(), _reply('coulomb_friction'), 3.0)
+    assert m.name_first
+    assert m.right_set
+    assert m.exact_set
+    assert m.subsystem
+    assert m.evidence_inside == pytest.approx(0.75)
+    assert m.parameter_errors == {'coulomb_friction.force': pytest.approx(0.05)}
+    assert m.covered == {'coulomb_friction.force': True}
+    assert m.held_out_ratio == pytest.approx(0.32 / 0.3)
+
+
+def test_a_narrow_interval_does_not_cover():
+    m = mark('c', _answer(), _reply('coulomb_friction', std=0.01), 3.0)
+    assert m.covered == {'coulomb_friction.force': False}
+
+
+def test_a_false_companion_spoils_the_set_and_not_the_first_name():
+    m = mark('c', _answer(), _reply('coulomb_friction', 'mains_hum'), 3.0)
+    assert m.name_first
+    assert not m.right_set
+
+
+def test_a_relative_is_the_right_family():
+    m = mark('c', _answer('stribeck_friction'), _reply('coulomb_friction'), 3.0)
+    assert m.family_first
+    assert not m.name_first
+
+
+def test_a_class_is_right_only_where_the_data_cannot_tell_and_the_answer_says_so():
+    hidden = _answer(confusable={'stribeck_friction': 0.4})
+    told = _reply('stribeck_friction', confused=['coulomb_friction'])
+    assert mark('c', hidden, told, 1.0).right_set
+    assert not mark('c', hidden, _reply('stribeck_friction'), 1.0).right_set
+    assert not mark('c', _answer(), told, 1.0).right_set
+
+
+def test_below_one_the_right_answer_is_nothing():
+    m = mark('c', _answer(size=0.6), _reply('coulomb_friction'), 1.0)
+    assert m.truth == ()
+    assert m.finding
+    assert m.right_set is None
+
+
+def test_a_stranger_is_to_be_called_unknown():
+    hidden = _answer('fractional_damping', family='outside', subsystem='unknown')
+    assert mark('c', hidden, _reply(unexplained=True), 1.0).unknown
+    assert not mark('c', hidden, _reply('quadratic_damping'), 1.0).unknown
+
+
+@pytest.mark.parametrize('reply', [{}, {'ranking': [3], 'accepted': None, 'fit': []}, None])
+def test_malformed_answers_are_marked_and_not_raised(reply):
+    m = mark('c', _answer(), reply, 1.0)
+    assert not m.name_first
+    assert not m.right_set
+
+
+def test_score_counts_by_detectability():
+    marks = [
+        mark('a', _answer(), _reply('coulomb_friction'), 1.0),
+        mark('b', _answer(), _reply('mains_hum'), 1.0),
+        mark('c', {'category': 'clean', 'detectability': 0.0, 'parts': []}, _reply(), 1.0),
+    ]
+    result = score(marks)
+    found = {(what, where): value for what, where, value in result.shares}
+    assert found['right name first', "d' 5 and more"][:2] == (1, 2)
+    assert found['finding although nothing is missing', 'clean'][:2] == (0, 1)
+    assert result.brier == pytest.approx((0.01 + 0.81) / 2)
+    counts = confusion(marks)
+    assert counts['coulomb_friction', 'mains_hum'] == 1
+    assert counts['nothing', 'nothing'] == 1
+    assert confusion_svg(counts).count('answered as') == 3 * 2
+    assert any('1/2' in line for line in lines(result))
+
+
+@given(st.integers(1, 400).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_intervals_are_exact(case):
+    """At each end the tail beyond the count holds exactly 2.5 %."""
+    hits, trials = case
+    found = share(hits, trials)
+    assert found.low <= found.value <= found.high
+    if hits:
+        assert binom.sf(hits - 1, trials, found.low) == pytest.approx(0.025, rel=1e-6)
+    if hits < trials:
+        assert binom.cdf(hits, trials, found.high) == pytest.approx(0.025, rel=1e-6)
+
+
+def test_three_hundred_clean_campaigns_hold_one_per_cent():
+    assert share(0, 300).high == pytest.approx(0.0122, abs=1e-4)
+    with pytest.raises(ValueError, match='3 hits'):
+        share(3, 2)
+
+
+def test_the_refitted_baseline_finds_a_decay():
+    t = np.arange(600) / 2000
+    ratio, fit = refit(t, 40 * np.exp(-14 * t) * np.cos(200 * t + 0.4) + 2)[::-1]
+    assert fit == pytest.approx(1)
+    assert ratio == pytest.approx(14 / np.hypot(14, 200), rel=1e-6)
+
+
+def test_thresholded_least_squares_keeps_what_is_there():
+    rng = np.random.default_rng(2)
+    matrix = rng.normal(size=(200, 5))
+    target = 3 * matrix[:, 1] - 2 * matrix[:, 4] + 0.01 * rng.normal(size=200)
+    weights = stlsq(matrix, target, 0.1)
+    assert set(np.flatnonzero(weights)) == {1, 4}
+
+
+def test_peers_look_at_a_campaign(examination):
+    output, _ = examination
+    view = peers(output / 'campaigns' / 'campaign_0000')
+    assert view.recordings >= 1
+    assert 0.9 < view.r_squared <= 1

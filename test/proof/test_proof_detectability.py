@@ -1,0 +1,132 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from impactscope.proof.bench import BENCH, Pulse
+from impactscope.proof.detectability import Freedom, samples
+from impactscope.proof.draw import alternatives, draw, draw_scenario, solve_strength
+from impactscope.proof.effects import EFFECTS, effect
+from impactscope.proof.measurement import measure, noise_free
+from impactscope.proof.scenario import Blow, Chain, Scenario
+
+
+def taps(count: int = 2) -> Scenario:
+    """Taps on the bare plate, force and plate acceleration at 1 kHz."""
+    blows = tuple(
+        Blow('tap', BENCH, 0.1, 0.5, pulses=(Pulse(0.0, 0.004, 200.0 + 80 * i, 2.0),))
+        for i in range(count)
+    )
+    names = ('force', 'acceleration.plate')
+    return Scenario(
+        'impact',
+        'vertical',
+        blows,
+        dict.fromkeys(names, 1000.0),
+        {'force': 0.3, 'acceleration.plate': 0.1},
+        {n: Chain() for n in names},
+        ('linear_sensor',),
+        gain_std={'force': 0.003, 'acceleration.plate': 0.005},
+    )
+
+
+@pytest.fixture(scope='module')
+def freedom() -> Freedom:
+    return Freedom(taps())
+
+
+def test_nothing_is_not_detectable(freedom):
+    assert freedom.detectability(taps()) == 0
+
+
+@pytest.mark.parametrize('name', ['mass', 'damping'])
+def test_what_the_baseline_may_tune_freely_is_not_detectable(freedom, name):
+    turned = taps().with_bench(lambda b: {name: getattr(b.bench, name) * 1.002})
+    plain = math.sqrt(
+        sum(
+            float(np.sum((a - b) ** 2))
+            for a, b in zip(samples(turned), freedom.reference, strict=True)
+        )
+    )
+    assert plain > 5
+    assert freedom.detectability(turned, refine=3) < 0.05
+
+
+def test_known_numbers_cost_what_is_known_of_them(freedom):
+    """A gain off by one standard deviation is worth at most a d' of 1."""
+    turned = taps().with_chain('force', gain=1.003)
+    assert 0 < freedom.detectability(turned, refine=3) <= 1.0001
+
+
+def test_an_offset_stands_alone(freedom):
+    """No knob of the baseline is a constant before the blow: nearly sqrt(n) * offset / noise."""
+    turned = taps().with_chain('force', offset=0.3)
+    count = sum(1000 * b.duration - 6 for b in taps().blows)  # without the tap itself
+    assert freedom.detectability(turned) == pytest.approx(math.sqrt(count), rel=0.03)
+
+
+def test_more_recordings_show_more():
+    change = effect('hardening_spring')
+    sizes = [Freedom(taps(n)).detectability(change.apply(taps(n), 3e8, {})) for n in (1, 2, 4)]
+    assert sizes[0] < sizes[1] < sizes[2]
+
+
+@pytest.mark.parametrize('key', ['coulomb_friction', 'hardening_spring', 'clock_error', 'offset'])
+@pytest.mark.parametrize('wanted', [0.5, 40.0])
+def test_strength_gives_the_wanted_size(freedom, key, wanted):
+    rng = np.random.default_rng(3)
+    chosen = effect(key)
+    aux = chosen.setup(rng, freedom.baseline)
+    strength, size = solve_strength(freedom, chosen, aux, wanted)
+    assert size == pytest.approx(wanted, rel=0.1)
+    again = freedom.detectability(chosen.apply(freedom.baseline, strength, aux), refine=2)
+    assert again == pytest.approx(size, rel=1e-6)
+
+
+def test_nearly_even_friction_cannot_be_told_from_even_friction(freedom):
+    uneven = effect('asymmetric_friction')
+    strength, size = solve_strength(freedom, uneven, {'ratio': 1.02}, 20.0)
+    truth = uneven.apply(freedom.baseline, strength, {'ratio': 1.02})
+    left, _ = freedom.fitted(truth)
+    near = alternatives(np.random.default_rng(0), freedom, left, skip=uneven)
+    assert near['coulomb_friction'] < 0.05 * size
+    assert 'mains_hum' not in near
+    assert 'hardening_spring' not in near
+
+
+@pytest.mark.parametrize('key', [e.key for e in EFFECTS if e.family != 'label'])
+def test_every_effect_changes_a_campaign_and_its_parameters_are_told(key):
+    chosen = effect(key)
+    rng = np.random.default_rng(11)
+    scenario = draw_scenario(rng)
+    while not chosen.fits(scenario):
+        scenario = draw_scenario(rng)
+    scenario = chosen.prepare(replace(scenario, blows=(scenario.blows[0], scenario.blows[-1])))
+    aux = chosen.setup(rng, scenario)
+    strength = chosen.high / 10 if chosen.tunable else 1.0
+    turned = chosen.apply(scenario, strength, aux)
+    assert turned.channels == scenario.channels
+    if chosen.name == 'quantisation':  # behind the noise
+        a, b = (measure(s.blows[-1], s, np.random.default_rng(1)) for s in (turned, scenario))
+    else:
+        a, b = (
+            {
+                f'{i}{n}': v
+                for i, blow in enumerate(s.blows)
+                for n, v in noise_free(blow, s).items()
+            }
+            for s in (turned, scenario)
+        )
+    assert max(float(np.abs(a[n] - b[n]).max()) for n in a) > 1e-3
+    assert all(
+        math.isfinite(v)
+        for v in chosen.parameters(strength, aux).values()
+        if isinstance(v, int | float)
+    )
+
+
+def test_a_drawn_campaign_is_a_function_of_its_seed():
+    a, b = (draw(np.random.default_rng(5), category='clean') for _ in range(2))
+    assert a.truth == b.truth
+    assert a.truth != draw(np.random.default_rng(6), category='clean').truth
