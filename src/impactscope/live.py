@@ -101,15 +101,12 @@ def replay_recording(
         serve_test_points=False,
         use_sim_time=True,
     )
-    started = time.monotonic()
     with _until_signal() as ended, Bench(options, on_result) as bench:
         if test_point is not None:
             bench.announce(test_point)
 
         def tick() -> None:
-            if rate > 0:
-                elapsed = time.monotonic() - started - START_DELAY
-                progress(min(max(elapsed * rate / max(what.duration, 1e-9), 0.0), 1.0))
+            progress(min(bench.detector.duration / max(what.duration, 1e-9), 1.0))
             if ended.is_set():
                 raise KeyboardInterrupt
 

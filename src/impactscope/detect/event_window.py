@@ -216,6 +216,8 @@ def build_event(
     )
     event_end = rest_from if rest_from is not None and Quality.HELD not in quality else stop
     window_start_ns = history.stamp(first)
+    length = (stop - first) / rate
+    moved = tuple(_shifted(contact, -offset, length) for contact in contacts)
     return ImpactEvent(
         event_id=0,  # numbered by the detector
         stamp_ns=window_start_ns + round((onset - offset) * NANOSECONDS),
@@ -223,9 +225,9 @@ def build_event(
         sample_rate=rate,
         channels=channels,
         values=values,
-        contacts=tuple(_shifted(contact, -offset) for contact in contacts),
+        contacts=moved,
         contact_start=onset - offset,
-        contact_end=end - offset,
+        contact_end=min(end - offset, length),
         event_end=(event_end - first) / rate,
         zero_level=tuple(map(float, opening.zero)),
         noise_std=tuple(map(float, opening.noise)),
@@ -235,11 +237,12 @@ def build_event(
     )
 
 
-def _shifted(contact: Contact, by: float) -> Contact:
+def _shifted(contact: Contact, by: float, latest: float) -> Contact:
+    """A contact on another time, its end no later than the window's, which rounding may pass."""
     return replace(
         contact,
         start=contact.start + by,
-        end=contact.end + by,
+        end=min(contact.end + by, latest),
         peak_time=contact.peak_time + by,
     )
 

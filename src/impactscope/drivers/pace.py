@@ -15,9 +15,10 @@ class Pace:
 
     With ``rate`` above zero, data time runs ``rate`` times as fast as the wall clock, from
     ``data_start_ns`` at wall time ``wall_start_ns`` (Unix time; so several drivers, also in
-    several processes, keep step). With ``rate`` zero there is no clock: data goes out as long as
-    it is at most ``lead`` s ahead of the progress that a consumer reported. If nobody reports
-    for ``patience`` s, it goes on: a replay that nobody listens to still ends.
+    several processes, keep step). With ``rate`` zero there is no clock: from the wall start on,
+    data goes out as long as it is at most ``lead`` s ahead of the progress that a consumer
+    reported. That must be less than what the consumer waits for a channel that lags. If nobody
+    reports for ``patience`` s, it goes on: a replay that nobody listens to still ends.
     """
 
     def __init__(
@@ -26,8 +27,8 @@ class Pace:
         *,
         rate: float = 1.0,
         wall_start_ns: int = 0,
-        lead: float = 5.0,
-        patience: float = 3.0,
+        lead: float = 1.5,
+        patience: float = 10.0,
     ) -> None:
         self._data_start_ns = data_start_ns
         self._rate = rate
@@ -56,6 +57,13 @@ class Pace:
             if remaining > 0:
                 time.sleep(remaining)
             return True
+        if not self._started:
+            early = (self._wall_start_ns - time.time_ns()) / NANOSECONDS
+            if early > timeout:
+                time.sleep(timeout)
+                return False
+            time.sleep(max(early, 0.0))
+            self._started = True
         with self._changed:
             if self.unheard or data_ns <= self._progress_ns + self._lead_ns:
                 return True
@@ -69,3 +77,4 @@ class Pace:
             return self.unheard
 
     _waited = 0.0
+    _started = False

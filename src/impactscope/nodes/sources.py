@@ -36,7 +36,7 @@ def declare_options(node: Node) -> dict[str, Any]:
     add('simulated.sample_rate', 0.0, "of every channel [Hz]; 0: the campaign's own", low=0.0)
     add('replay.bag', '', 'recording to play')
     add('replay.rate', 1.0, 'of time; 0: as fast as the consumers take it', low=0.0)
-    add('replay.lead', 5.0, 'at rate 0, how far ahead of the consumers [s of data]', low=0.1)
+    add('replay.lead', 1.5, 'at rate 0, how far ahead of the consumers [s of data]', low=0.1)
     add('replay.inputs', (), 'stamped samples in the recording: kind topic axis channel')
     add('replay.publish_clock', False, 'publish /clock; only one driver should')
     return options
