@@ -77,7 +77,7 @@ def anonymous():
     for line in open('/proc/self/status'):
         if line.startswith('RssAnon'):
             return int(line.split()[1]) / 1024
-analyse(sys.argv[1])
+analyse(sys.argv[1], keep_samples=False)
 peak = [0.0]
 def watch():
     while True:
@@ -85,7 +85,7 @@ def watch():
         time.sleep(0.002)
 before = anonymous()
 threading.Thread(target=watch, daemon=True).start()
-analyse(sys.argv[2])
+analyse(sys.argv[2], keep_samples=False)
 print(json.dumps([before, peak[0]]))
 """
 
@@ -111,10 +111,13 @@ def main(argv: list[str] | None = None) -> int:
     print(describe())
     with tempfile.TemporaryDirectory() as folder:
         blocks, samples = Path(folder) / 'blocks.mcap', Path(folder) / 'samples.mcap'
-        live.make_recording(blocks, duration, 0.02)
+        rare = Path(folder) / 'rare.mcap'
+        live.make_recording(rare, duration, 0.02, interval=5.0)
+        live.make_recording(blocks, duration, 0.02, interval=1.5)
         make_single_samples(samples, duration)
         for title, path, wanted in (
-            ('blocks, 4 channels of 51.2 kS/s', blocks, 100),
+            ('blocks, 4 channels of 51.2 kS/s, a blow every 5 s', rare, 100),
+            ('the same, a blow every 1.5 s', blocks, 100),
             ('one message a sample, 4 topics of 1 kHz', samples, 50),
         ):
             events = len(analyse(path).events)  # loads compiled code, too

@@ -33,25 +33,24 @@ from impactscope.records import NANOSECONDS, ComplianceVerdict
 
 RATE = 51_200.0  # Hz, each of four channels
 START_NS = 1_704_067_200 * NANOSECONDS
-TAP_INTERVAL = 1.5  # s
 
 
-def make_recording(path: Path, duration: float, block_duration: float) -> int:
-    """Taps every 1.5 s; returns how many blocks the file holds."""
-    count = int((duration - 2.0) / TAP_INTERVAL)
+def make_recording(
+    path: Path, duration: float, block_duration: float, interval: float = 1.5
+) -> int:
+    """Taps every ``interval`` s; returns how many blocks the file holds."""
+    count = int((duration - 2.0) / interval)
     strengths = np.random.default_rng(1).uniform(60.0, 300.0, count)
     campaign = Campaign(
         'taps',
         'hammer taps',
         tuple(
-            ScheduledBlow(1.5 + i * TAP_INTERVAL, HammerTap(strength, 0.004))
+            ScheduledBlow(1.5 + i * interval, HammerTap(strength, 0.004))
             for i, strength in enumerate(strengths)
         ),
         duration,
         bench=SimulatedBench(damper=None),
-        chain={
-            name: replace(chain, sample_rate=RATE) for name, chain in DEFAULT_CHAIN.items()
-        },
+        chain={name: replace(chain, sample_rate=RATE) for name, chain in DEFAULT_CHAIN.items()},
     )
     blocks = 0
     with RecordingWriter(path, compression='none', flush_interval=0) as writer:
@@ -88,6 +87,7 @@ def run_graph(
     )
     process = psutil.Process()
     with Bench(options) as bench:
+
         def on_verdict(verdict: ComplianceVerdict) -> None:
             arrivals[verdict.event_ids[0]] = time.time()
 

@@ -24,6 +24,4 @@ def describe() -> str:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()
     load = os.getloadavg()[0] if hasattr(os, 'getloadavg') else float('nan')
     libraries = ', '.join(f'{name} {version(name)}' for name in ('numpy', 'scipy', 'numba'))
-    return (
-        f'{model}, {cores} cores, load {load:.1f}, Python {sys.version.split()[0]}, {libraries}'
-    )
+    return f'{model}, {cores} cores, load {load:.1f}, Python {sys.version.split()[0]}, {libraries}'

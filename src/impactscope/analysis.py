@@ -180,6 +180,7 @@ def analyse(
     settings: AnalysisSettings | None = None,
     *,
     test_point: TestPoint | None = None,
+    keep_samples: bool = True,
     progress: Callable[[float], None] = _nothing,
     on_result: Callable[[EventResult], None] = _nothing,
 ) -> AnalysisResult:
@@ -189,6 +190,8 @@ def analyse(
         path: MCAP file, SQLite file, or folder of a recording.
         settings: of the stages; the channels are those of the recording unless named there.
         test_point: what was tested, where the recording does not say so itself.
+        keep_samples: whether the result keeps the samples of each blow, which a report draws;
+            without them, memory does not grow with the recording.
         progress: called with the share that has been read, 0 to 1.
         on_result: called with each blow as soon as it is complete.
 
@@ -216,9 +219,9 @@ def analyse(
         results: list[EventResult] = []
 
         def take(found: list[EventResult]) -> None:
-            results.extend(found)
             for result in found:
                 on_result(result)
+                results.append(result if keep_samples else _without_samples(result))
 
         if test_point is not None:
             take(pipeline.push(test_point))
@@ -288,6 +291,11 @@ def summarise(
         damaged=damaged,
         provenance=dict(provenance or {}),
     )
+
+
+def _without_samples(result: EventResult) -> EventResult:
+    event = dataclasses.replace(result.event, values=result.event.values[:, :0].copy())
+    return dataclasses.replace(result, event=event)
 
 
 def _digest(info: RecordingInfo) -> str:

@@ -183,6 +183,7 @@ def analyse(
             recording,
             settings,
             test_point=_test_point(region, contact),
+            keep_samples=report is not None,
             progress=advance,
             on_result=_print_blow,
         )
