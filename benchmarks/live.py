@@ -94,8 +94,7 @@ def run_graph(
         bench.collector.on_verdict = on_verdict
         started, cpu = time.time(), sum(process.cpu_times()[:2])
         bench.wait_until_ended(timeout=600.0)
-        # At rate 0 the pace knows no start time.
-        wall = time.time() - (max(started, start_at) if rate else started)
+        wall = time.time() - max(started, start_at)
         used = sum(process.cpu_times()[:2]) - cpu
         bench.finish()
         delays = []

@@ -162,7 +162,7 @@ class Pipeline:
         results: list[EventResult] = []
         for sensor in self._fitter.push(event):
             impact = estimate_impact(event, sensor, self._impact)
-            verdicts = self._compliance.push(event, sensor=sensor, impact=impact)
+            verdicts = self._compliance.push(event)
             results.extend(
                 EventResult(event, sensor, impact, verdict) for verdict in self._keep(verdicts)
             )

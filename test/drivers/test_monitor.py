@@ -73,3 +73,15 @@ def test_a_new_epoch_begins_afresh():
     monitor = BlockMonitor()
     monitor.check(block(500))
     assert monitor.check(block(0, received_ms=5000, epoch=1)).quality == Quality.NONE
+
+
+def test_a_clipped_sample_beside_one_that_is_no_number_is_seen():
+    values = np.zeros(20)
+    values[0], values[3] = np.nan, 500.0
+    assert BlockMonitor().check(block(values=values)).quality == (
+        Quality.NOT_FINITE | Quality.CLIPPED
+    )
+
+
+def test_nothing_but_nan():
+    assert BlockMonitor().check(block(values=np.full(20, np.nan))).quality == Quality.NOT_FINITE

@@ -160,10 +160,10 @@ def test_a_test_point_is_opened_and_closed_by_service():
     assert opened.end_ns == 0 < opened.start_ns == closed.start_ns < closed.end_ns
 
 
-def test_a_blow_is_judged_also_where_the_fitter_is_missing_and_who_comes_late_sees_it():
+def test_a_blow_is_judged_without_a_fitter_and_who_comes_late_sees_it():
     event = warm_up_detector()[0]
     with ros():
-        node = ComplianceNode(**options(parameters_wait=0.2))
+        node = ComplianceNode(**options())
         player = Node('player', namespace='bench')
         out = player.create_publisher(msg.ImpactEvent, 'events', qos.EVENTS)
         with spinning(node):

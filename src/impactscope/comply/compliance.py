@@ -93,7 +93,7 @@ class Compliance:
             self.profile,
             rules=self.rules,
             test_point=point,
-            sensor=sensor,
+            sensor=sensor or self.rules.sensor,
             impact=impact,
             resting_load=self._load.before(record, self.rules.force_channel),
         )

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from impactscope.errors import ConfigurationError
-from impactscope.records import TestPoint
+from impactscope.records import Estimate, SensorParameters, TestPoint
 
 __all__ = ['STATEMENTS', 'JudgementRules', 'unstated']
 
@@ -33,6 +33,8 @@ class JudgementRules:
     minimum_sample_rate: float = 1000.0  # Hz; devices on the market state 1 kHz and more
     spring_tolerance: float = 0.1  # relative; a softer spring reads too low to be judged
     required_statements: tuple[str, ...] = tuple(STATEMENTS)  # for the verdict of a test point
+    natural_frequency: float = math.nan  # Hz, of the device's plate; NaN: no validity statement
+    damping_ratio: float = math.nan  # of the device's plate; NaN: no statement of validity
 
     def __post_init__(self) -> None:
         if not self.force_channel:
@@ -47,12 +49,34 @@ class JudgementRules:
                 f'judgement rules: spring_tolerance is {self.spring_tolerance}; '
                 'zero or more and below 1 is needed'
             )
+        for name, value in (
+            ('natural_frequency', self.natural_frequency),
+            ('damping_ratio', self.damping_ratio),
+        ):
+            if math.isinf(value) or value < 0:
+                raise ConfigurationError(
+                    f'judgement rules: {name} is {value}; it must be above zero, or NaN'
+                )
         unknown = [name for name in self.required_statements if name not in STATEMENTS]
         if unknown:
             raise ConfigurationError(
                 f'judgement rules: required_statements has {unknown[0]!r}; '
                 f'known are {", ".join(STATEMENTS)}'
             )
+
+    @property
+    def sensor(self) -> SensorParameters | None:
+        """The device as far as these rules know it; None where they do not."""
+        if math.isnan(self.natural_frequency) or math.isnan(self.damping_ratio):
+            return None
+        return SensorParameters(
+            event_id=0,
+            stamp_ns=0,
+            valid=True,
+            method='stated',
+            natural_frequency=Estimate(self.natural_frequency),
+            damping_ratio=Estimate(self.damping_ratio),
+        )
 
 
 def unstated(test_point: TestPoint, names: tuple[str, ...]) -> tuple[str, ...]:

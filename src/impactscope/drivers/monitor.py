@@ -6,6 +6,7 @@ import dataclasses
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impactscope.records import NANOSECONDS, Quality, SampleBlock
 
@@ -44,14 +45,16 @@ class BlockMonitor:
         counts = self.statistics
         flags = block.quality
         values = block.values
-        if not np.isfinite(values).all():
-            flags |= Quality.NOT_FINITE
-            counts.not_finite_blocks += 1
-        above = not math.isnan(block.range_max) and bool((values >= block.range_max).any())
-        below = not math.isnan(block.range_min) and bool((values <= block.range_min).any())
-        if above or below:
-            flags |= Quality.CLIPPED
-            counts.clipped_blocks += 1
+        if values.size:
+            # NaN passes through both; comparisons with it, also of an unknown range, are false.
+            lowest, highest = float(values.min()), float(values.max())
+            if not (math.isfinite(lowest) and math.isfinite(highest)):
+                flags |= Quality.NOT_FINITE
+                counts.not_finite_blocks += 1
+                lowest, highest = _extremes(values)
+            if highest >= block.range_max or lowest <= block.range_min:
+                flags |= Quality.CLIPPED
+                counts.clipped_blocks += 1
         last = self._last.get(block.channel)
         if last is not None and last.epoch == block.epoch:
             flags |= self._compare(last, block)
@@ -83,3 +86,11 @@ class BlockMonitor:
             flags |= Quality.STALLED
             counts.stalls += 1
         return flags
+
+
+def _extremes(values: NDArray[np.float32]) -> tuple[float, float]:
+    """The smallest and the largest of the values that are no NaN; NaN where there are none."""
+    known = values[~np.isnan(values)]
+    if not known.size:
+        return math.nan, math.nan
+    return float(known.min()), float(known.max())

@@ -122,8 +122,9 @@ class Bench:
             add(TestPoints, 'test_points')
         self.synchroniser = add(SynchroniserNode, 'synchroniser')
         self.detector = add(Detector, 'impact_detector')
-        self.fitter = add(FitterNode, 'fitter')
+        # Whoever subscribes first is called first: the verdict does not wait for the fit.
         self.compliance = add(ComplianceNode, 'compliance')
+        self.fitter = add(FitterNode, 'fitter')
         self.collector = Collector(*self._callbacks, **self._keywords({}))
         self.nodes.append(self.collector)
         if options.record_to is not None:

@@ -11,6 +11,8 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
+import threading
+from functools import cache
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -22,6 +24,8 @@ from impactscope.errors import ConfigurationError
 __all__ = ['declare', 'declare_settings', 'field_comments', 'refuse_unknown']
 
 T = TypeVar('T')
+
+_PARSING = threading.Lock()  # Python's parser is not safe in several threads
 
 _NOT_OURS = ('use_sim_time', 'qos_overrides.', 'start_type_description_service')
 
@@ -95,10 +99,12 @@ def declare_settings(node: Node, kind: type[T], *, prefix: str = '', **defaults:
     return kind(**values)
 
 
+@cache
 def field_comments(kind: type[Any]) -> dict[str, str]:
     """The comment behind each field in the source of a dataclass; empty where there is none."""
     try:
-        source = inspect.getsource(kind)
+        with _PARSING:
+            source = inspect.getsource(kind)
     except OSError:  # installed without sources
         return {}
     return dict(re.findall(r'^    (\w+): [^#\n]*#\s*(.+)$', source, flags=re.MULTILINE))

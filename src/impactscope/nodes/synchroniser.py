@@ -140,6 +140,8 @@ class SynchroniserNode(StageNode):
             publisher = self.create_publisher(kind, topic, qos.MIRROR)
             self._mirrors[block.channel] = (ChannelMirror(self._mirror_rate), kind, publisher)
         mirror, kind, publisher = self._mirrors[block.channel]
+        if publisher.get_subscription_count() == 0:
+            return  # nobody looks
         for stamp_ns, value in zip(*mirror.push(block), strict=True):
             message = kind()
             message.header.stamp = time_message(int(stamp_ns))
