@@ -200,6 +200,20 @@ def test_below_one_the_right_answer_is_nothing():
     assert m.right_set is None
 
 
+def test_a_pair_of_which_one_is_faint_is_sorted_by_the_other():
+    hidden = _answer(size=0.4)
+    hidden['parts'].append(_answer('base_compliance', 30.0, subsystem='fixture')['parts'][0])
+    m = mark('c', hidden, _reply('base_compliance'), 1.0)
+    assert m.truth == ('base_compliance',)
+    assert m.detectability == 30
+    assert m.right_set
+
+
+def test_held_out_error_is_measured_by_the_true_noise():
+    m = mark('c', _answer(noise={'force': 0.2}), _reply('coulomb_friction'), 1.0)
+    assert m.held_out_ratio == pytest.approx(1.6)
+
+
 def test_a_stranger_is_to_be_called_unknown():
     hidden = _answer('fractional_damping', family='outside', subsystem='unknown')
     assert mark('c', hidden, _reply(unexplained=True), 1.0).unknown

@@ -219,19 +219,12 @@ def _wanted(rng: np.random.Generator) -> float:
 def _choose(
     rng: np.random.Generator, scenario: Scenario, family: str, *, tunable: bool = False
 ) -> Effect:
-    driven = scenario.kind == 'driven'
     candidates = [
         e
         for e in EFFECTS
-        if e.family == family
-        and e.fits(scenario)
-        and (e.tunable or not tunable)
-        and not (driven and e.key in _NOT_DRIVEN)
+        if e.family == family and e.fits(scenario) and (e.tunable or not tunable)
     ]
     return candidates[int(rng.integers(len(candidates)))]
-
-
-_NOT_DRIVEN = {'end_stop', 'added_mass', 'base_compliance'}
 
 
 def _part(chosen: Effect, strength: float, aux: Mapping[str, float | str], size: float) -> Part:

@@ -77,7 +77,7 @@ def mark(
     result = Mark(
         campaign,
         str(answer['category']),
-        float(answer['detectability']),
+        min((float(p['detectability']) for p in parts), default=float(answer['detectability'])),
         names,
         reply is not None,
         seconds=seconds,
@@ -108,7 +108,7 @@ def mark(
             told = (entry.get('wrong_parameter') or {}).get('parameters') or {}
             wanted = str(parts[0]['parameters'].get('name'))
             result.parameter_named = wanted.split('.')[-1] in str(told)
-    result.held_out_ratio = _held_out(reply.get('fit') or {})
+    result.held_out_ratio = _held_out(reply.get('fit') or {}, answer.get('noise') or {})
     return result
 
 
@@ -216,10 +216,15 @@ def _mark_parameters(result: Mark, part: Mapping[str, Any], entry: Mapping[str, 
             result.covered[key] = error <= 1.959964 * std
 
 
-def _held_out(fit: Mapping[str, Any]) -> float | None:
-    """Largest ratio of held-out RMSE to noise floor over the channels."""
+def _held_out(fit: object, noise: Mapping[str, float]) -> float | None:
+    """Largest ratio of held-out RMSE to the noise over the channels.
+
+    The noise is the one the channel was given; the engine's own figure where that is not known.
+    """
+    if not isinstance(fit, Mapping):
+        return None
     extended = fit.get('extended') or {}
-    errors, floor = extended.get('held_out_rmse'), fit.get('noise_floor')
+    errors, floor = extended.get('held_out_rmse'), noise or fit.get('noise_floor')
     if not isinstance(errors, Mapping):
         return None
     ratios = []

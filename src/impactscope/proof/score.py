@@ -86,6 +86,7 @@ def score(marks: Sequence[Mark]) -> Score:
         add('exactly the right set', where, library, lambda m: bool(m.exact_set))
         wrong = [m for m in inside if m.category in ('parameter', 'label')]
         add('wrong number called one', where, wrong, lambda m: bool(m.right_set))
+        add('and the right one named', where, wrong, lambda m: bool(m.parameter_named))
         outside = [m for m in inside if m.category == 'outside']
         add('unknown called unknown', where, outside, lambda m: bool(m.unknown))
         add('subsystem named', where, inside, lambda m: bool(m.subsystem))
@@ -94,7 +95,7 @@ def score(marks: Sequence[Mark]) -> Score:
     coverage = share(sum(covered), len(covered))
     shares.append(('true parameter inside 95 % interval', "d' 5 and more", coverage))
     held = [m for m in marks if m.held_out_ratio is not None]
-    add('held-out RMSE within 1.1 of noise', 'all', held, lambda m: (m.held_out_ratio or 9) <= 1.1)
+    add('held-out RMSE within 1.1 of noise', 'all', held, lambda m: _close(m.held_out_ratio))
     add('answered', 'all', marks, lambda m: m.answered)
     add('answered within 60 s', 'all', marks, lambda m: m.answered and m.seconds <= 60)
     medians = (
@@ -149,6 +150,10 @@ def write(output: Path, marks: Sequence[Mark], result: Score) -> None:
     """Leave ``score.json`` beside the examination."""
     content = {'score': asdict(result), 'marks': [asdict(m) for m in marks]}
     (output / 'score.json').write_text(json.dumps(content, indent=1, default=str))
+
+
+def _close(ratio: float | None) -> bool:
+    return ratio is not None and ratio <= 1.1
 
 
 def _visible(m: Mark) -> float:
