@@ -1,0 +1,168 @@
+"""What a driven, free or prescribed motion, or a measuring chain, shows beyond its baseline."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from impactscope.discrepancy.answer import Answer
+from impactscope.discrepancy.campaign import Campaign, CampaignKind
+from impactscope.discrepancy.driven.chain import linear_chain
+from impactscope.discrepancy.driven.decide import Judge
+from impactscope.discrepancy.driven.describe import Subject, describe
+from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
+from impactscope.discrepancy.driven.modal import further_modes
+from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.oscillation import linear_oscillator
+from impactscope.discrepancy.driven.prescribed import linear_prescribed
+from impactscope.discrepancy.driven.recordings import Cut, cuts
+from impactscope.discrepancy.driven.search import Effort, Outcome, search
+from impactscope.discrepancy.driven.terms import Term
+from impactscope.errors import ConfigurationError
+
+__all__ = ['explain_driven']
+
+Progress = Callable[[float, str], None]
+
+FREE = ('', 'none', 'null')
+LINEAR = (
+    'linear_sensor',
+    'linear_mass_damper',
+    'linear_spring_damper',
+    'linear_mass_spring_damper',
+)
+GLANCE = Effort(depth=1, tried=3, beam=1)
+MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
+CHAIN_EFFORT = Effort(numbers=6, depth=4, tried=8, beam=3)
+
+
+def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answer:
+    """Find what the baseline of a campaign without unknown blows leaves out.
+
+    Args:
+        campaign: of kind driven (input ``none``: a free motion), prescribed_motion or chain,
+            with samples in its recordings.
+        progress: called with the share that is done, 0 to 1, and what is being done.
+
+    Raises ConfigurationError for a baseline that is not known here, MissingChannelError for
+    channels that no recording has, InputError where nothing is left to fit.
+    """
+    tell = progress or (lambda _share, _text: None)
+    tell(0.02, 'fitting the baseline')
+    notes = list(campaign.notes)
+    parts, model, segments, linear = _start(campaign, notes)
+    baseline = _with_known(campaign, model, segments, linear)
+    judge = Judge(segments, len({t.name for t in model.terms}))
+    modes, effort = None, Effort()
+    if campaign.kind is CampaignKind.CHAIN:
+        effort = CHAIN_EFFORT
+    elif 'stiffness' in linear.values and 'mass' in linear.values and _modal(campaign, parts):
+        tell(0.1, 'trying further modes')
+        modes = further_modes(parts, segments, baseline, _modes(campaign), judge)
+        if modes is not None and _power(modes.fit, segments) < MODAL * _power(baseline, segments):
+            effort = GLANCE
+    tell(0.3, 'searching')
+    outcome = search(
+        model,
+        baseline,
+        segments,
+        judge,
+        lambda share: tell(0.3 + 0.65 * share, 'searching'),
+        effort,
+    )
+    if modes is not None and not _prefer(modes.fit, outcome, judge):
+        modes = None
+    tell(0.95, 'describing')
+    subject = Subject(campaign, model, segments, judge, outcome, modes, tuple(notes))
+    return describe(subject)
+
+
+def _modal(campaign: Campaign, parts: Sequence[Cut]) -> bool:
+    """Whether more modes are an explanation at all: a measured input drives a structure."""
+    return campaign.kind is CampaignKind.DRIVEN and all(p.drive is not None for p in parts)
+
+
+def _power(made: Fit, segments: Sequence[Segment]) -> float:
+    """Power of the residuals over that of the channels, the mean of all recordings."""
+    pairs = zip(made.residuals, segments, strict=True)
+    return float(np.mean([np.mean(r**2) / (np.mean(s.measured**2) or 1.0) for r, s in pairs]))
+
+
+def _prefer(modes: Fit, outcome: Outcome, judge: Judge) -> bool:
+    """Whether a linear system of more modes explains better than what the search found."""
+    if not judge.better(outcome.baseline, modes):
+        return False
+    judge.weights(modes)
+    judge.weights(outcome.best)
+    base = outcome.baseline
+    return judge.criterion(modes, base) < judge.criterion(outcome.best, base)
+
+
+def _modes(campaign: Campaign) -> int:
+    value: Any = campaign.model.get('modes', 1)
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ConfigurationError(
+            f'{campaign.name}: model.modes is {value!r}; it must be a whole number from 1'
+        )
+    return value
+
+
+def _start(campaign: Campaign, notes: list[str]) -> tuple[list[Cut], Model, list[Segment], Fit]:
+    """Usable parts of the recordings, the model, and the fitted linear baseline."""
+    bench = campaign.bench
+    if campaign.kind is CampaignKind.PRESCRIBED_MOTION:
+        parts = cuts(campaign, [str(bench['output'])], str(bench['motion']), notes)
+        return parts, *linear_prescribed(parts)
+    if campaign.kind is CampaignKind.CHAIN:
+        parts = cuts(campaign, [str(bench['output'])], str(bench['input']), notes)
+        return parts, *linear_chain(parts)
+    drive = str(bench.get('input', ''))
+    drive = '' if drive.lower() in FREE else drive
+    parts = cuts(campaign, [str(name) for name in bench['outputs']], drive, notes)
+    restoring = campaign.model.get('restoring', 'linear')
+    spring = restoring not in (None, 'none', False)
+    if 'linear_mass_damper' in campaign.baseline_names:
+        spring = False
+    if not drive and not spring:
+        raise ConfigurationError(
+            f'{campaign.name}: a free motion without restoring force shows nothing'
+        )
+    held = 'reference' in bench or 'controller' in bench or bench.get('hold') is True
+    return parts, *linear_oscillator(parts, spring=spring, held=held)
+
+
+def _with_known(campaign: Campaign, model: Model, segments: Sequence[Segment], linear: Fit) -> Fit:
+    """The baseline with the mechanisms that the campaign says the simulation has."""
+    baseline = linear
+    for item in campaign.baseline:
+        if item.name in LINEAR:
+            continue
+        forms = [t for t in model.terms if t.name == item.name]
+        if not forms:
+            known = ', '.join(sorted({t.name for t in model.terms}.union(LINEAR)))
+            raise ConfigurationError(
+                f'{campaign.name}: baseline {item.name!r} is not known for a campaign of kind '
+                f'{campaign.kind.value}; known are {known}'
+            )
+        tries = [_extended(model, segments, baseline, term, item.values) for term in forms]
+        baseline = min(tries, key=lambda f: _misfit(f, segments))
+    return baseline
+
+
+def _extended(
+    model: Model,
+    segments: Sequence[Segment],
+    baseline: Fit,
+    term: Term,
+    stated: Mapping[str, float],
+) -> Fit:
+    initial = {**baseline.values, **(term.restart or {})}
+    initial.update({f'{term.label}.{k}': v for k, v in stated.items()})
+    return fit(model, (*baseline.terms, term), segments, initial, baseline.starts, tolerance=FINE)
+
+
+def _misfit(made: Fit, segments: Sequence[Segment]) -> float:
+    pairs = zip(made.residuals, segments, strict=True)
+    return sum(float(np.sum(r**2)) for r, s in pairs if not s.held_out)

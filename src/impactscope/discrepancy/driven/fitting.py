@@ -1,0 +1,262 @@
+"""Simulation-error fits: shared numbers and every recording's own beginning, together.
+
+The prediction runs from the first sample to the last without being corrected by what was
+measured: an error of the model can accumulate and shows. (One-step predictions hide it: there a
+linear model of high order looks right for almost anything.)
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.terms import Number, Term, key
+
+__all__ = ['FINE', 'Fit', 'channel_scales', 'fit', 'numbers_of', 'sensitivities']
+
+Array = NDArray[np.float64]
+
+STEP = 1e-4  # of a number's scale, for differences
+BLOCKS = 24  # of a recording, for the scatter of the estimates
+MOST_EVALUATIONS = 60
+ROUGH, FINE = 1e-4, 1e-8  # relative fall of the sum of squares at which a fit ends
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """A fitted model.
+
+    ``residuals``: measured minus predicted, by segment, fitted and held out alike.
+    """
+
+    terms: tuple[Term, ...]
+    values: Mapping[str, float]
+    std: Mapping[str, float]
+    starts: tuple[Array, ...]
+    residuals: tuple[Array, ...]
+    added: int  # numbers beyond the baseline's
+    label: str = ''
+
+    def rms(self, segment: int) -> float:
+        """Root mean square of one segment's residual, in the channel's unit."""
+        return float(np.sqrt(np.mean(self.residuals[segment] ** 2)))
+
+
+def channel_scales(segments: Sequence[Segment]) -> dict[str, float]:
+    """What one is measured by in each channel: its spread in the fitted recordings."""
+    scales: dict[str, float] = {}
+    for channel in {s.channel for s in segments}:
+        of_channel = [s for s in segments if s.channel == channel]
+        chosen = [s for s in of_channel if not s.held_out] or of_channel
+        spread = float(np.sqrt(np.mean(np.concatenate([s.measured for s in chosen]) ** 2)))
+        scales[channel] = spread if spread > 0.0 else 1.0
+    return scales
+
+
+def numbers_of(model: Model, terms: tuple[Term, ...]) -> list[tuple[str, Number]]:
+    """Key and number of everything shared in a model with these terms."""
+    found = [(n.name, n) for n in model.numbers]
+    return found + [(key(t, n), n) for t in terms for n in t.numbers]
+
+
+def _differences(function: Callable[[Array], Array], theta: Array, at_theta: Array) -> Array:
+    jacobian = np.empty((at_theta.size, theta.size))
+    for j in range(theta.size):
+        moved = theta.copy()
+        moved[j] += STEP
+        jacobian[:, j] = (function(moved) - at_theta) / STEP
+    return jacobian
+
+
+def _bounded(value: float, number: Number) -> float:
+    margin = 1e-3 * number.scale
+    lower, upper = number.lower + margin, number.upper - margin
+    return float(min(max(value, lower), upper)) if lower < upper else value
+
+
+def fit(
+    model: Model,
+    terms: tuple[Term, ...],
+    segments: Sequence[Segment],
+    initial: Mapping[str, float],
+    starts: Sequence[Array] | None = None,
+    evaluations: int = MOST_EVALUATIONS,
+    tolerance: float = ROUGH,
+) -> Fit:
+    """Fit a model with these terms to the segments that are not held out.
+
+    Args:
+        model: what predicts.
+        terms: effects beyond the baseline.
+        segments: of all recordings.
+        initial: values to set out from, by key; where one is missing, the number's first start.
+        starts: beginnings to set out from, by segment.
+        evaluations: of the prediction at most, without those for derivatives.
+        tolerance: relative fall of the sum of squares at which the fit ends.
+    """
+    shared = numbers_of(model, terms)
+    own = [model.starts(s) for s in segments]
+    fitted = [i for i, s in enumerate(segments) if not s.held_out]
+    scales = channel_scales(segments)
+    total = sum(segments[i].measured.size for i in fitted)
+    weights = [1.0 / (scales[s.channel] * np.sqrt(total)) for s in segments]
+
+    def beginning(i: int) -> Array:
+        if starts is not None and starts[i].size == len(own[i]):
+            return starts[i]
+        return np.array([n.starts[0] for n in own[i]])
+
+    x0 = [_bounded(initial.get(k, n.starts[0]), n) / n.scale for k, n in shared]
+    lower = [n.lower / n.scale for _, n in shared]
+    upper = [n.upper / n.scale for _, n in shared]
+    place = {}
+    for i in fitted:
+        place[i] = slice(len(x0), len(x0) + len(own[i]))
+        for number, value in zip(own[i], beginning(i), strict=True):
+            x0.append(value / number.scale)
+            lower.append(number.lower / number.scale)
+            upper.append(number.upper / number.scale)
+
+    def values_of(theta: Array) -> dict[str, float]:
+        return {k: float(theta[j] * n.scale) for j, (k, n) in enumerate(shared)}
+
+    def start_of(theta: Array, i: int) -> Array:
+        return np.asarray(theta[place[i]] * np.array([n.scale for n in own[i]]), np.float64)
+
+    last: list[tuple[Array, Array]] = []
+
+    def residual(theta: Array) -> Array:
+        values = values_of(theta)
+        parts = []
+        for i in fitted:
+            predicted = model.predict(values, terms, start_of(theta, i), segments[i])
+            parts.append(weights[i] * (segments[i].measured - predicted))
+        whole = np.concatenate(parts)
+        last[:] = [*last[-2:], (theta.copy(), whole)]
+        return whole
+
+    def jacobian(theta: Array) -> Array:
+        known = next((r for t, r in last if np.array_equal(t, theta)), None)
+        return _differences(residual, theta, residual(theta) if known is None else known)
+
+    theta = np.array(x0)
+    if theta.size:
+        solution = least_squares(
+            residual,
+            theta,
+            jacobian,
+            bounds=(np.array(lower), np.array(upper)),
+            x_scale='jac',
+            max_nfev=evaluations,
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=1e-14,
+        )
+        theta, slopes = solution.x, solution.jac
+    else:
+        slopes = np.zeros((total, 0))
+    values = values_of(theta)
+    begins: list[Array] = []
+    residuals: list[Array] = []
+    for i, segment in enumerate(segments):
+        if i in place:
+            begin = start_of(theta, i)
+        else:
+            begin = _own_beginning(model, terms, values, segment, beginning(i), weights[i])
+        begins.append(begin)
+        residuals.append(segment.measured - model.predict(values, terms, begin, segment))
+    spread = _scatter(slopes, np.concatenate([weights[i] * residuals[i] for i in fitted]))
+    std = {k: float(spread[j] * n.scale) for j, (k, n) in enumerate(shared)}
+    added = sum(len(t.numbers) for t in terms)
+    return Fit(terms, values, std, tuple(begins), tuple(residuals), added)
+
+
+def _own_beginning(
+    model: Model,
+    terms: tuple[Term, ...],
+    values: Mapping[str, float],
+    segment: Segment,
+    begin: Array,
+    weight: float,
+) -> Array:
+    """Beginning of a held-out recording; nothing else is fitted to it."""
+    numbers = model.starts(segment)
+    if not numbers:
+        return begin
+    scale = np.array([n.scale for n in numbers])
+
+    def residual(theta: Array) -> Array:
+        predicted = model.predict(values, terms, theta * scale, segment)
+        return weight * (segment.measured - predicted)
+
+    def jacobian(theta: Array) -> Array:
+        return _differences(residual, theta, residual(theta))
+
+    solution = least_squares(residual, begin / scale, jacobian, x_scale='jac', max_nfev=30)
+    return np.asarray(solution.x * scale)
+
+
+def _scatter(jacobian: Array, residual: Array) -> Array:
+    """Standard uncertainties that allow for coloured residuals, shape (n_numbers,).
+
+    The larger of the usual ones for white residuals and of the sandwich estimate, whose filling
+    is the scatter of the gradient over blocks of consecutive samples.
+    """
+    n, k = jacobian.shape
+    if k == 0:
+        return np.zeros(0)
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    white = inverse * float(residual @ residual) / max(n - k, 1)
+    edges = np.linspace(0, n, min(BLOCKS, n) + 1).astype(int)
+    gradients = np.array([jacobian[a:b].T @ residual[a:b] for a, b in itertools.pairwise(edges)])
+    sandwich = inverse @ (gradients.T @ gradients) @ inverse
+    return np.sqrt(np.maximum(np.maximum(np.diag(white), np.diag(sandwich)), 0.0))
+
+
+def sensitivities(model: Model, base: Fit, segments: Sequence[Segment]) -> tuple[Array, Array]:
+    """Residual of a fit and its derivatives by every fitted number, weighted, on fitted data.
+
+    Shapes (n_samples,) and (n_samples, n_numbers): what the model can re-tune.
+    """
+    shared = numbers_of(model, base.terms)
+    scales = channel_scales(segments)
+    fitted = [i for i, s in enumerate(segments) if not s.held_out]
+    residual = np.concatenate([base.residuals[i] / scales[segments[i].channel] for i in fitted])
+    columns = []
+    for k, n in shared:
+        step = STEP * n.scale
+        moved = {**base.values, k: base.values[k] + step}
+        parts = [_moved(model, base, moved, i, segments[i]) for i in fitted]
+        columns.append(
+            np.concatenate(
+                [p / scales[segments[i].channel] for p, i in zip(parts, fitted, strict=True)]
+            )
+            / STEP
+        )
+    sizes = [segments[i].measured.size for i in fitted]
+    ends = np.cumsum(sizes)
+    for which, i in enumerate(fitted):
+        for j, n in enumerate(model.starts(segments[i])):
+            begin = base.starts[i].copy()
+            begin[j] += STEP * n.scale
+            predicted = model.predict(base.values, base.terms, begin, segments[i])
+            change = predicted - (segments[i].measured - base.residuals[i])
+            column = np.zeros(residual.size)
+            column[ends[which] - sizes[which] : ends[which]] = (
+                change / scales[segments[i].channel] / STEP
+            )
+            columns.append(column)
+    return residual, np.stack(columns, axis=1) if columns else np.zeros((residual.size, 0))
+
+
+def _moved(
+    model: Model, base: Fit, values: Mapping[str, float], i: int, segment: Segment
+) -> Array:
+    predicted = model.predict(values, base.terms, base.starts[i], segment)
+    return predicted - (segment.measured - base.residuals[i])

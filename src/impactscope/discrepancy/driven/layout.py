@@ -1,0 +1,36 @@
+"""Where each number of the oscillator stands in its parameter vector. SI units.
+
+Equation of motion, with u the input force (or whatever drives the system)::
+
+    m a = u + u0 - c v - d |v| - c2 |v| v - R(x) - friction(v) - s h
+    R(x) = k w + k2 w^2 + k3 w^3 + end stops,  w = x outside the gap (or l sin(x / l))
+    h'   = v - g |v| |h|^(n-1) h - d v |h|^n
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+__all__ = ['SIZE']
+
+MASS: Final = 0
+DAMPING: Final = 1
+STIFFNESS: Final = 2
+SQUARE: Final = 3  # k2
+CUBIC: Final = 4  # k3
+QUADRATIC_DAMPING: Final = 5
+KINETIC_FORWARD: Final = 6  # N while sliding towards +x
+KINETIC_BACKWARD: Final = 7
+STATIC_EXCESS: Final = 8  # by how much friction at rest is above that while sliding
+STRIBECK_SPEED: Final = 9
+GAP: Final = 10  # whole width
+STOP_TRAVEL: Final = 11
+STOP_STIFFNESS: Final = 12
+HYSTERESIS_STIFFNESS: Final = 13  # s
+HYSTERESIS_CLOSING: Final = 14  # g
+HYSTERESIS_LEANING: Final = 15  # d
+HYSTERESIS_EXPONENT: Final = 16  # n
+INPUT_OFFSET: Final = 17  # u0
+SINE: Final = 18  # 1: R acts on sin(x)
+SKEW_DAMPING: Final = 19  # d: c + d forwards, c - d backwards
+SIZE: Final = 20

@@ -1,0 +1,167 @@
+"""Models that predict one channel of a recording from shared numbers and its own beginning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from impactscope.discrepancy.driven import layout as at
+from impactscope.discrepancy.driven.mechanics import enter
+from impactscope.discrepancy.driven.oscillator import run
+from impactscope.discrepancy.driven.terms import Number, Term
+
+__all__ = ['Model', 'OscillatorModel', 'Segment', 'inside_samples']
+
+Array = NDArray[np.float64]
+
+AT_REST = 0.02  # of the largest position and speed: what counts as a beginning at rest
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segment:
+    """One output channel of one recording. Arrays (n,), ``drive`` as its model wants it."""
+
+    recording: str
+    channel: str
+    unit: str
+    held_out: bool
+    begin: float  # s after the recording's first sample
+    period: float  # s between samples
+    measured: Array
+    drive: Array
+    derivative: int = 0  # 0: the output is a position, 1: a speed, 2: an acceleration
+    state: tuple[float, float] = (0.0, 0.0)  # position and speed at the first sample
+    noise: float = float('nan')  # stated standard deviation
+    extra: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def time(self) -> Array:
+        """Times of the samples, s after the recording's first, shape (n,)."""
+        return np.asarray(self.begin + self.period * np.arange(self.measured.size), np.float64)
+
+
+class Model(Protocol):
+    """What the search asks of a model."""
+
+    @property
+    def numbers(self) -> tuple[Number, ...]:
+        """Of the baseline."""
+        ...
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """What may be missing."""
+        ...
+
+    def starts(self, segment: Segment) -> tuple[Number, ...]:
+        """Unknowns of the recording's own beginning."""
+        ...
+
+    def predict(
+        self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment
+    ) -> Array:
+        """Predicted channel, shape (n,)."""
+        ...
+
+    def motion(
+        self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment
+    ) -> tuple[Array, Array]:
+        """Position and speed that go with the prediction, shapes (n,); may be empty."""
+        ...
+
+
+def inside_samples(samples: Array, steps: int, *, held: bool) -> Array:
+    """Input inside each sampling period, shape (n - 1, 2 steps + 1).
+
+    ``held``: it stays constant until the next sample, as a controller's output does. Else it is
+    the band-limited signal through the samples: a straight line between them would be a low-pass
+    (0.26 of the amplitude lost at half the sampling rate) that looks like missing physics.
+    """
+    n = samples.size
+    if held:
+        return np.asarray(np.repeat(samples[:-1, None], 2 * steps + 1, axis=1), np.float64)
+    factor = 2 * steps
+    padded = np.concatenate(
+        [2 * samples[0] - samples[32:0:-1], samples, 2 * samples[-1] - samples[-2:-34:-1]]
+    )
+    fine = signal.resample_poly(padded, factor, 1, window=('kaiser', 8.0))
+    fine = fine[32 * factor : 32 * factor + (n - 1) * factor + 1]
+    rows = np.lib.stride_tricks.sliding_window_view(fine, factor + 1)[::factor]
+    return np.ascontiguousarray(rows, np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class OscillatorModel:
+    """One degree of freedom under a measured input, or swinging freely."""
+
+    numbers: tuple[Number, ...]
+    terms: tuple[Term, ...]
+    free: bool  # no input: the beginning is unknown, the mass is one
+    position_scale: float
+    speed_scale: float
+
+    def starts(self, segment: Segment) -> tuple[Number, ...]:
+        """Position and speed at the first sample of a free swing.
+
+        A driven recording may begin in the midst of motion; without a spring an error of the
+        first speed even stays in the position for ever. So the beginning is an unknown where the
+        recording is fitted, and as measured where it is only predicted.
+        """
+        x, v = segment.state
+        position = Number('position', '', (x,), 0.1 * self.position_scale)
+        speed = Number('speed', '', (v,), 0.1 * self.speed_scale)
+        if self.free:
+            return position, speed
+        if segment.held_out or segment.derivative != 0:
+            return ()
+        if self.drifts:
+            return (speed,)
+        moving = abs(x) > AT_REST * self.position_scale or abs(v) > AT_REST * self.speed_scale
+        return (position, speed) if moving else ()
+
+    @property
+    def drifts(self) -> bool:
+        """Whether nothing brings the mass back."""
+        return not any(n.name == 'stiffness' for n in self.numbers)
+
+    def vector(self, values: Mapping[str, float], terms: tuple[Term, ...]) -> Array:
+        """Parameters of the compiled oscillator."""
+        p = np.zeros(at.SIZE)
+        p[at.HYSTERESIS_EXPONENT] = 1.0
+        enter(p, values)
+        for term in terms:
+            if term.fixed:
+                enter(p, term.fixed)
+        if p[at.MASS] == 0.0:
+            p[at.MASS] = 1.0
+        if p[at.STRIBECK_SPEED] == 0.0:
+            p[at.STRIBECK_SPEED] = 1.0
+        return p
+
+    def _run(
+        self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment
+    ) -> Array:
+        x, v = segment.state
+        if start.size:
+            x, v = (x, start[0]) if start.size == 1 else (start[0], start[1])
+        out = np.zeros((segment.measured.size, 4))
+        run(self.vector(values, terms), segment.drive, segment.period, x, v, out)
+        return out
+
+    def predict(
+        self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment
+    ) -> Array:
+        """Predicted channel, shape (n,)."""
+        return self._run(values, terms, start, segment)[:, segment.derivative]
+
+    def motion(
+        self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment
+    ) -> tuple[Array, Array]:
+        """Position and speed, shapes (n,)."""
+        out = self._run(values, terms, start, segment)
+        return out[:, 0], out[:, 1]

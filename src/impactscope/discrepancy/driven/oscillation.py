@@ -1,0 +1,223 @@
+"""The linear baseline of an oscillator, and the model that the search extends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
+from impactscope.discrepancy.driven.mechanics import Sizes, mechanical_terms
+from impactscope.discrepancy.driven.model import OscillatorModel, Segment, inside_samples
+from impactscope.discrepancy.driven.recordings import Cut, derivative_of, first_state
+from impactscope.discrepancy.driven.terms import Number
+
+__all__ = ['linear_oscillator']
+
+Array = NDArray[np.float64]
+
+STEP_ANGLE = 0.4  # rad of the natural oscillation in a sub-step: phase error 2e-4 rad a radian
+MOST_STEPS = 16
+QUARTER = 0.25  # of a cycle is used to find the state at the first sample
+DAMPING_RATIOS = (0.005, 0.02, 0.08, 0.3, 0.9)
+
+
+def linear_oscillator(
+    cuts: Sequence[Cut], *, spring: bool, held: bool
+) -> tuple[OscillatorModel, list[Segment], Fit]:
+    """Fit mass, damping and (with ``spring``) stiffness; the model knows what may be missing.
+
+    ``held``: the input stays constant between samples, as a controller's does. Without input the
+    mass is one: only ratios show in a free swing.
+    """
+    free = cuts[0].drive is None
+    starts = _free_starts(cuts) if free else _driven_starts(cuts, spring=spring)
+    fastest = max((math.sqrt(max(k, 0.0) / m) for m, _, k in starts), default=0.0)
+    period = 1.0 / cuts[0].rate
+    steps = int(np.clip(math.ceil(1.5 * fastest * period / STEP_ANGLE), 1, MOST_STEPS))
+    cycle = 2.0 * math.pi / (fastest * period) if fastest > 0.0 else 9.0 / QUARTER
+    segments = [_segment(c, steps, min(cycle, 80.0), held=held) for c in cuts]
+    best: tuple[float, OscillatorModel, Fit] | None = None
+    for mass, damping, stiffness in starts:
+        model = OscillatorModel(
+            _numbers(mass, damping, stiffness, cuts[0], spring=spring, free=free),
+            (),
+            free,
+            float(np.max(np.abs(cuts[0].output))) or 1.0,
+            float(np.max(np.abs(np.gradient(cuts[0].output, period)))) or 1.0,
+        )
+        made = fit(model, (), segments, {}, evaluations=12)
+        error = sum(
+            float(np.sum(r**2))
+            for r, s in zip(made.residuals, segments, strict=True)
+            if not s.held_out
+        )
+        if best is None or error < best[0]:
+            best = error, model, made
+    assert best is not None  # noqa: S101 - there is always a start
+    _, model, made = best
+    made = fit(model, (), segments, made.values, made.starts, tolerance=FINE)
+    sizes = _sizes(model, made, segments, cuts)
+    angle = cuts[0].unit == 'rad'
+    terms = mechanical_terms(
+        sizes,
+        spring=spring,
+        driven=not free,
+        angle=angle,
+        offset_channel=cuts[0].channel if free else cuts[0].drive_channel,
+    )
+    full = OscillatorModel(model.numbers, terms, free, sizes.position, sizes.speed)
+    return full, segments, made
+
+
+def _segment(cut: Cut, steps: int, period_samples: float, *, held: bool) -> Segment:
+    period = 1.0 / cut.rate
+    n = cut.output.size
+    if cut.drive is None:
+        drive = np.zeros((n - 1, 2 * steps + 1))
+    else:
+        drive = inside_samples(cut.drive, steps, held=held)
+    derivative = derivative_of(cut.unit)
+    state = (0.0, 0.0)
+    if derivative == 0:
+        width = 20 if cut.drive is None else round(QUARTER * period_samples)
+        state = first_state(cut.output, period, width)
+    elif derivative == 1:
+        state = (0.0, float(cut.output[0]))
+    return Segment(
+        cut.recording,
+        cut.channel,
+        cut.unit,
+        cut.held_out,
+        cut.begin,
+        period,
+        cut.output,
+        drive,
+        derivative,
+        state,
+        cut.noise,
+    )
+
+
+def _position_unit(unit: str) -> str:
+    return unit.split('/', 1)[0] or '1'
+
+
+def _force_unit(cut: Cut) -> str:
+    if cut.drive is None:
+        return f'{_position_unit(cut.unit)}/s^2'
+    return cut.drive_unit or '1'
+
+
+def _numbers(
+    mass: float, damping: float, stiffness: float, cut: Cut, *, spring: bool, free: bool
+) -> tuple[Number, ...]:
+    f, x = _force_unit(cut), _position_unit(cut.unit)
+    small = 0.05 * math.sqrt(max(stiffness, 0.0) * mass) if spring else 0.3 * damping
+    small = small if small > 0.0 else 0.1
+    numbers = []
+    if not free:
+        unit = 'kg' if (f, x) == ('N', 'm') else f'{f} s^2/{x}'
+        numbers.append(Number('mass', unit, (mass,), mass, 1e-6 * mass, 1e6 * mass))
+    numbers.append(Number('damping', f'{f} s/{x}', (damping,), small))
+    if spring:
+        numbers.append(Number('stiffness', f'{f}/{x}', (stiffness,), stiffness, 1e-6 * stiffness))
+    return tuple(numbers)
+
+
+def _free_starts(cuts: Sequence[Cut]) -> list[tuple[float, float, float]]:
+    """Stiffness from the strongest line of a free swing; the mass is one."""
+    cut = max((c for c in cuts if not c.held_out), key=lambda c: c.output.size)
+    samples = cut.output - np.mean(cut.output)
+    length = 8 * samples.size
+    spectrum = np.abs(np.fft.rfft(samples * np.hanning(samples.size), length))
+    line = 1 + int(np.argmax(spectrum[1:]))
+    omega = 2.0 * math.pi * line * cut.rate / length
+    return [(1.0, 2.0 * ratio * omega, omega**2) for ratio in (0.01, 0.05)]
+
+
+def _driven_starts(cuts: Sequence[Cut], *, spring: bool) -> list[tuple[float, float, float]]:
+    """Mass, damping and stiffness from a scan of natural frequencies and damping ratios.
+
+    In the frequency domain, transients neglected; for each pair the mass is a linear unknown.
+    """
+    fitted = [c for c in cuts if not c.held_out]
+    spectra = []
+    for c in fitted:
+        length = 1 << (2 * c.output.size - 1).bit_length()
+        frequency = np.fft.rfftfreq(length, 1.0 / c.rate)
+        assert c.drive is not None  # noqa: S101 - free swings do not come here
+        drive, output = np.fft.rfft(c.drive, length), np.fft.rfft(c.output, length)
+        # thinned out: a scan needs no fine lines
+        keep = slice(1, None, max(1, frequency.size // 20000))
+        spectra.append(
+            (2j * math.pi * frequency[keep], drive[keep], output[keep], derivative_of(c.unit))
+        )
+    longest = max(c.output.size / c.rate for c in fitted)
+    fs = min(c.rate for c in fitted)
+    if spring:
+        scan = [
+            (omega, ratio)
+            for omega in 2.0 * math.pi * np.geomspace(1.0 / longest, 0.4 * fs, 240)
+            for ratio in DAMPING_RATIOS
+        ]
+    else:
+        scan = [
+            (0.0, corner) for corner in 2.0 * math.pi * np.geomspace(0.1 / longest, fs / 8, 60)
+        ]
+    found = []
+    for omega, ratio in scan:
+        above = below = total = 0.0
+        for s, drive, output, derivative in spectra:
+            loss = 2.0 * ratio * omega if spring else ratio
+            shape = drive * s**derivative / (s * s + loss * s + omega**2)
+            above += float(np.real(np.vdot(shape, output)))
+            below += float(np.real(np.vdot(shape, shape)))
+            total += float(np.real(np.vdot(output, output)))
+        gain = above / below
+        if gain > 0.0:
+            mass = 1.0 / gain
+            damping = mass * (2.0 * ratio * omega if spring else ratio)
+            found.append((total - gain * above, mass, damping, mass * omega**2))
+    if not found:
+        return [(1.0, 1.0, 1.0)]
+    found.sort()
+    chosen: list[tuple[float, float, float]] = []
+    for _, mass, damping, stiffness in found:
+        omega = math.sqrt(stiffness / mass)
+        if all(abs(omega - math.sqrt(k / m)) > 0.15 * omega for m, _, k in chosen) or not chosen:
+            chosen.append((mass, damping, stiffness))
+        if len(chosen) == 3:
+            break
+    return chosen
+
+
+def _sizes(
+    model: OscillatorModel, made: Fit, segments: Sequence[Segment], cuts: Sequence[Cut]
+) -> Sizes:
+    position = speed = force = 0.0
+    for i, segment in enumerate(segments):
+        if segment.held_out:
+            continue
+        x, v = model.motion(made.values, (), made.starts[i], segment)
+        if segment.derivative == 0:
+            x = segment.measured
+        position = max(position, float(np.max(np.abs(x))))
+        speed = max(speed, float(np.quantile(np.abs(v), 0.99)))
+        drive = cuts[i].drive
+        if drive is not None:
+            force = max(force, float(np.sqrt(np.mean(drive**2))))
+        else:
+            force = max(force, made.values['stiffness'] * float(np.sqrt(np.mean(x**2))))
+    position, speed, force = position or 1.0, speed or 1.0, force or 1.0
+    stiffness = made.values.get('stiffness', force / position)
+    return Sizes(
+        position,
+        speed,
+        force,
+        stiffness,
+        _force_unit(cuts[0]),
+        _position_unit(cuts[0].unit),
+    )

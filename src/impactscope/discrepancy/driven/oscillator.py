@@ -1,0 +1,280 @@
+"""One degree of freedom under a measured input: every law at once, exact sticking; compiled.
+
+Runge and Kutta's method of order 4 on sub-steps of the sampling period. Dry friction is
+set-valued: the moment at which sliding ends is located inside the sub-step, the mass then rests
+until the force on it exceeds what friction can hold, and that moment is located as well. Nothing
+creeps. Source of the friction laws: Olsson et al., Eur. J. Control 4 (1998).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.driven.compiled import compiled, law
+from impactscope.discrepancy.driven.layout import (
+    CUBIC,
+    DAMPING,
+    GAP,
+    HYSTERESIS_CLOSING,
+    HYSTERESIS_EXPONENT,
+    HYSTERESIS_LEANING,
+    HYSTERESIS_STIFFNESS,
+    INPUT_OFFSET,
+    KINETIC_BACKWARD,
+    KINETIC_FORWARD,
+    MASS,
+    QUADRATIC_DAMPING,
+    SINE,
+    SKEW_DAMPING,
+    SQUARE,
+    STATIC_EXCESS,
+    STIFFNESS,
+    STOP_STIFFNESS,
+    STOP_TRAVEL,
+    STRIBECK_SPEED,
+)
+
+__all__ = ['lost_motion', 'restoring', 'run', 'slider_force', 'smooth_force', 'yielding_rate']
+
+Array = NDArray[np.float64]
+
+MOST_TURNS = 6  # turns and stops located in one sub-step
+FAR = 1e9  # a state beyond this has run away
+
+
+@law
+def lost_motion(x: float, gap: float) -> float:
+    """What is left of ``x`` once a whole play of ``gap`` is taken up."""
+    half = 0.5 * gap
+    if x > half:
+        return x - half
+    if x < -half:
+        return x + half
+    return 0.0
+
+
+@law
+def restoring(p: Array, x: float) -> float:
+    """Force that depends on the position alone, against it."""
+    w = math.sin(x) if p[SINE] > 0.5 else x
+    if p[GAP] > 0.0:
+        w = lost_motion(w, p[GAP])
+    force = w * (p[STIFFNESS] + w * (p[SQUARE] + w * p[CUBIC]))
+    if p[STOP_STIFFNESS] > 0.0:
+        force += p[STOP_STIFFNESS] * lost_motion(x, 2.0 * p[STOP_TRAVEL])
+    return float(force)
+
+
+@law
+def yielding_rate(p: Array, v: float, h: float) -> float:
+    """Rate of the hysteretic element's elongation (Bouc and Wen)."""
+    size = abs(h)
+    power = size ** (p[HYSTERESIS_EXPONENT] - 1.0) if size > 0.0 else 0.0
+    closing, leaning = p[HYSTERESIS_CLOSING], p[HYSTERESIS_LEANING]
+    return float(v - power * (closing * abs(v) * h + leaning * v * size))
+
+
+@law
+def _load(p: Array, u: float, x: float, v: float, h: float) -> float:
+    """Force on the mass without dry friction."""
+    force = u + p[INPUT_OFFSET] - p[DAMPING] * v - restoring(p, x)
+    force -= abs(v) * (p[SKEW_DAMPING] + p[QUADRATIC_DAMPING] * v)
+    return float(force - p[HYSTERESIS_STIFFNESS] * h
+
+
+@law
+def _friction(p: Array, v: float, way: int) -> float:
+    """Force of dry friction on a mass that slides ``way`` (+1, -1)."""
+    level = p[KINETIC_FORWARD] if way > 0 else p[KINETIC_BACKWARD]
+    if p[STATIC_EXCESS] > 0.0:
+        level += p[STATIC_EXCESS] * math.exp(-((v / p[STRIBECK_SPEED]) ** 2))
+    return float(-way * level)
+
+
+@law
+def _rate(p: Array, u: float, x: float, v: float, h: float, way: int) -> float:
+    force = _load(p, u, x, v, h)
+    if way != 0:
+        force += _friction(p, v, way)
+    return float(force / p[MASS])
+
+
+@compiled
+def _step(
+    p: Array, u0: float, um: float, u1: float, x: float, v: float, h: float, way: int, dt: float
+) -> tuple[float, float, float]:
+    """One step of order 4 while the direction of sliding stays."""
+    yields = p[HYSTERESIS_STIFFNESS] != 0.0
+    a1 = _rate(p, u0, x, v, h, way)
+    g1 = yielding_rate(p, v, h) if yields else 0.0
+    v2 = v + 0.5 * dt * a1
+    h2 = h + 0.5 * dt * g1
+    a2 = _rate(p, um, x + 0.5 * dt * v, v2, h2, way)
+    g2 = yielding_rate(p, v2, h2) if yields else 0.0
+    v3 = v + 0.5 * dt * a2
+    h3 = h + 0.5 * dt * g2
+    a3 = _rate(p, um, x + 0.5 * dt * v2, v3, h3, way)
+    g3 = yielding_rate(p, v3, h3) if yields else 0.0
+    v4 = v + dt * a3
+    h4 = h + dt * g3
+    a4 = _rate(p, u1, x + dt * v3, v4, h4, way)
+    g4 = yielding_rate(p, v4, h4) if yields else 0.0
+    return (
+        x + dt * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0,
+        v + dt * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
+        h + dt * (g1 + 2.0 * g2 + 2.0 * g3 + g4) / 6.0,
+    )
+
+
+@law
+def _between(u0: float, um: float, u1: float, s: float) -> float:
+    """Input at share ``s`` of a sub-step: the parabola through its three values."""
+    return u0 + s * (4.0 * um - 3.0 * u0 - u1 + s * (2.0 * u0 - 4.0 * um + 2.0 * u1))
+
+
+@law
+def _held(p: Array, load: float) -> int:
+    """0 where friction holds a resting mass, else the way in which it sets off."""
+    if load > p[KINETIC_FORWARD] + p[STATIC_EXCESS]:
+        return 1
+    if load < -(p[KINETIC_BACKWARD] + p[STATIC_EXCESS]):
+        return -1
+    return 0
+
+
+@compiled
+def _rough_step(
+    p: Array, u0: float, um: float, u1: float, x: float, v: float, h: float, way: int, dt: float
+) -> tuple[float, float, float, int]:
+    """One sub-step with dry friction: as many turns, stops and starts as fall into it."""
+    done = 0.0
+    for _ in range(MOST_TURNS):
+        left = 1.0 - done
+        if left <= 1e-12:
+            break
+        a = _between(u0, um, u1, done)
+        if way == 0:
+            # At rest: does the load exceed what friction holds before the sub-step ends?
+            start = _load(p, a, x, 0.0, h)
+            end = _load(p, u1, x, 0.0, h)
+            way = _held(p, start)
+            if way == 0:
+                way = _held(p, end)
+                if way == 0:
+                    return x, 0.0, h, 0
+                limit = p[STATIC_EXCESS]
+                limit += p[KINETIC_FORWARD] if way > 0 else p[KINETIC_BACKWARD]
+                done += left * (way * limit - start) / (end - start)
+                continue
+        m = _between(u0, um, u1, done + 0.5 * left)
+        x1, v1, h1 = _step(p, a, m, u1, x, v, h, way, left * dt)
+        if v1 * way >= 0.0:
+            return x1, v1, h1, way
+        # It turns: find where the speed vanishes, from a chord and one correction.
+        share = v / (v - v1) if v * way > 0.0 else 0.0
+        for _ in range(2):
+            if share <= 0.0:
+                break
+            m = _between(u0, um, u1, done + 0.5 * share * left)
+            b = _between(u0, um, u1, done + share * left)
+            x1, v1, h1 = _step(p, a, m, b, x, v, h, way, share * left * dt)
+            slope = _rate(p, b, x1, v1, h1, way) * left * dt
+            if slope * way < 0.0:
+                share = min(max(share - v1 / slope, 0.0), 1.0)
+        if share > 0.0:
+            m = _between(u0, um, u1, done + 0.5 * share * left)
+            b = _between(u0, um, u1, done + share * left)
+            x, v, h = _step(p, a, m, b, x, v, h, way, share * left * dt)
+            done += share * left
+        v = 0.0
+        way = _held(p, _load(p, _between(u0, um, u1, done), x, 0.0, h))
+    return x, v, h, way
+
+
+@compiled
+def run(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -> bool:
+    """Simulate from a state; False where it runs away (the rest of ``out`` is then zero).
+
+    Args:
+        p: parameters, see :mod:`layout`.
+        u: input inside each sampling period, shape (n - 1, 2 s + 1): at the beginning, middle
+            and end of each of s sub-steps.
+        dt: sampling period, s.
+        x: position at the first sample.
+        v: speed at the first sample.
+        out: position, speed, acceleration and elongation of the hysteretic element at each
+            sample, shape (n, 4); filled.
+    """
+    n = out.shape[0]
+    steps = (u.shape[1] - 1) // 2
+    part = dt / steps
+    rough = p[KINETIC_FORWARD] != 0.0 or p[KINETIC_BACKWARD] != 0.0 or p[STATIC_EXCESS] > 0.0
+    h = 0.0
+    way = 0
+    if rough and v != 0.0:
+        way = 1 if v > 0.0 else -1
+    for i in range(n):
+        first = u[i, 0] if i < n - 1 else u[n - 2, 2 * steps]
+        out[i, 0] = x
+        out[i, 1] = v
+        if rough and way == 0 and _held(p, _load(p, first, x, 0.0, h)) == 0:
+            out[i, 2] = 0.0
+        else:
+            out[i, 2] = _rate(p, first, x, v, h, way)
+        out[i, 3] = h
+        if i == n - 1:
+            break
+        for j in range(steps):
+            u0, um, u1 = u[i, 2 * j], u[i, 2 * j + 1], u[i, 2 * j + 2]
+            if rough:
+                x, v, h, way = _rough_step(p, u0, um, u1, x, v, h, way, part)
+            else:
+                x, v, h = _step(p, u0, um, u1, x, v, h, 0, part)
+        if not abs(x) + abs(v) < FAR:
+            out[i + 1 :] = 0.0
+            return False
+    return True
+
+
+@compiled
+def slider_force(
+    x: Array,
+    stiffness: float,
+    forward: float,
+    backward: float,
+    gap: float,
+    slip: float,
+    out: Array,
+) -> None:
+    """Add the force of a slider behind a spring and a play to ``out``, shape (n,).
+
+    ``slip``: position of the slider against the motion's first sample.
+    """
+    place = x[0] + slip
+    for i in range(x.size):
+        stretch = lost_motion(x[i] - place, gap)
+        force = stiffness * stretch
+        if force > forward:
+            place += stretch - forward / stiffness
+            force = forward
+        elif force < -backward:
+            place += stretch + backward / stiffness
+            force = -backward
+        out[i] += force
+
+
+@compiled
+def smooth_force(p: Array, x: Array, v: Array, a: Array, period: float, out: Array) -> None:
+    """Force of mass, dampers, springs and the yielding element, shape (n,); fills ``out``."""
+    h = 0.0
+    for i in range(x.size):
+        force = p[MASS] * a[i] + p[DAMPING] * v[i] + restoring(p, x[i]) + p[INPUT_OFFSET]
+        force += abs(v[i]) * (p[SKEW_DAMPING] + p[QUADRATIC_DAMPING] * v[i])
+        if p[HYSTERESIS_STIFFNESS] != 0.0:
+            force += p[HYSTERESIS_STIFFNESS] * h
+            middle = h + 0.5 * period * yielding_rate(p, v[i], h)
+            h += period * yielding_rate(p, v[i], middle)
+        out[i] = force

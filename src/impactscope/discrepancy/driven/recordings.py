@@ -1,0 +1,188 @@
+"""From a campaign's channels to uniform segments on one grid of samples."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from impactscope.discrepancy.campaign import (
+    Campaign,
+    CampaignRecording,
+    ChannelSamples,
+    Role,
+)
+from impactscope.errors import InputError, MissingChannelError
+
+__all__ = ['Cut', 'cuts', 'derivative_of', 'first_state']
+
+Array = NDArray[np.float64]
+
+LEAST_SAMPLES = 64
+MOST_SAMPLES = 30_000  # of all fitted recordings together: more would only take longer
+_DERIVATIVES = {'m/s': 1, 'rad/s': 1, 'm/s^2': 2, 'rad/s^2': 2}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cut:
+    """Part of a recording: one output channel and what drives it, on the output's samples."""
+
+    recording: str
+    channel: str
+    unit: str
+    drive_channel: str
+    drive_unit: str
+    held_out: bool
+    begin: float  # s after the recording's first sample
+    rate: float
+    output: Array
+    drive: Array | None
+    noise: float
+
+
+def derivative_of(unit: str) -> int:
+    """0 where a channel of this unit is a position, 1 for a speed, 2 for an acceleration."""
+    return _DERIVATIVES.get(unit, 0)
+
+
+def _channel(recording: CampaignRecording, name: str) -> ChannelSamples:
+    try:
+        return recording.channels[name]
+    except KeyError:
+        there = ', '.join(sorted(recording.channels)) or 'none'
+        raise MissingChannelError(
+            f'{recording.file} has no channel {name!r}; it has {there}'
+        ) from None
+
+
+def _longest_finite(values: Array) -> tuple[int, int]:
+    """Bounds of the longest stretch without a missing sample."""
+    finite = np.isfinite(values).astype(np.int8)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], finite, [0]])))
+    if edges.size == 0:
+        return 0, 0
+    runs = edges.reshape(-1, 2)
+    best = runs[int(np.argmax(runs[:, 1] - runs[:, 0]))]
+    return int(best[0]), int(best[1])
+
+
+def _cut(
+    campaign: Campaign, recording: CampaignRecording, output: str, drive: str, notes: list[str]
+) -> Cut | None:
+    channel = _channel(recording, output)
+    source = _channel(recording, drive) if drive else None
+    period = 1.0 / channel.sample_rate
+    time: Array = channel.time
+    values = channel.values.astype(np.float64)
+    begin = recording.start if math.isfinite(recording.start) else -math.inf
+    end = recording.end if math.isfinite(recording.end) else math.inf
+    inside = (time >= begin - 1e-9) & (time < end)
+    driving: Array | None = None
+    if source is not None:
+        driving = _on_grid(source, time, period)
+        inside &= np.isfinite(driving)
+    usable = np.where(inside, values, np.nan)
+    first, last = _longest_finite(usable)
+    asked = int(np.count_nonzero((time >= begin - 1e-9) & (time < end)))
+    if last - first < LEAST_SAMPLES:
+        notes.append(
+            f'{recording.file}: {output} has only {last - first} samples in one piece; '
+            f'{LEAST_SAMPLES} are needed, it is left out.'
+        )
+        return None
+    if last - first < asked - 2:
+        notes.append(
+            f'{recording.file}: {output} is used for {(last - first) * period:.4g} s only; '
+            'samples are missing around that.'
+        )
+    return Cut(
+        recording=recording.file,
+        channel=output,
+        unit=channel.unit,
+        drive_channel=drive,
+        drive_unit=source.unit if source is not None else '',
+        held_out=recording.role is Role.HOLD_OUT,
+        begin=float(time[first]),
+        rate=channel.sample_rate,
+        output=np.ascontiguousarray(values[first:last]),
+        drive=None if driving is None else np.ascontiguousarray(driving[first:last]),
+        noise=float(campaign.noise_std.get(output, math.nan)),
+    )
+
+
+def _on_grid(source: ChannelSamples, time: Array, period: float) -> Array:
+    """A channel at the sample times of another; a spline where the grids differ."""
+    own = source.time
+    values = source.values.astype(np.float64)
+    same_rate = abs(source.sample_rate * period - 1.0) < 1e-9
+    shift = (time[0] - source.start) * source.sample_rate
+    if same_rate and abs(shift - round(shift)) < 1e-3:
+        result = np.full(time.size, np.nan)
+        index = np.arange(time.size) + round(shift)
+        there = (index >= 0) & (index < values.size)
+        result[there] = values[index[there]]
+        return result
+    finite = np.isfinite(values)
+    if np.count_nonzero(finite) < 4:
+        return np.full(time.size, np.nan)
+    spline = CubicSpline(own[finite], values[finite], extrapolate=False)
+    return np.asarray(spline(time))
+
+
+def cuts(campaign: Campaign, outputs: list[str], drive: str, notes: list[str]) -> list[Cut]:
+    """All parts of a campaign's recordings that can be used; what cannot is noted.
+
+    Raises MissingChannelError where a channel is in no recording, InputError where nothing is
+    left to fit.
+    """
+    found = []
+    missing: MissingChannelError | None = None
+    for recording in campaign.recordings:
+        for output in outputs:
+            try:
+                cut = _cut(campaign, recording, output, drive, notes)
+            except MissingChannelError as error:
+                missing = error
+                notes.append(f'{error}; it is left out.')
+                continue
+            if cut is not None:
+                found.append(cut)
+    if not any(not c.held_out for c in found):
+        if missing is not None:
+            raise missing
+        raise InputError(f'{campaign.name}: no recording can be fitted; {"; ".join(notes)}')
+    return _shortened(found, notes)
+
+
+def _shortened(found: list[Cut], notes: list[str]) -> list[Cut]:
+    """Fitted recordings cut to their beginnings where all together are very long."""
+    fitted = [c for c in found if not c.held_out]
+    if sum(c.output.size for c in fitted) <= MOST_SAMPLES:
+        return found
+    most = max(MOST_SAMPLES // len(fitted), 4 * LEAST_SAMPLES)
+    longest = max(c.output.size for c in fitted)
+    if longest > most:
+        notes.append(
+            f'Of each fitted recording the first {most} samples are used: a fit to all would '
+            'only take longer.'
+        )
+    return [
+        c
+        if c.held_out
+        else dataclasses.replace(
+            c, output=c.output[:most], drive=None if c.drive is None else c.drive[:most]
+        )
+        for c in found
+    ]
+
+
+def first_state(samples: Array, period: float, width: int) -> tuple[float, float]:
+    """Position and speed at the first sample, from a parabola through the first ``width``."""
+    width = max(4, min(width, samples.size))
+    time = period * np.arange(width)
+    _, slope, level = np.polyfit(time, samples[:width], 2)
+    return float(level), float(slope)

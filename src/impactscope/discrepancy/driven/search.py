@@ -1,0 +1,224 @@
+"""The search: from the baseline forwards with a few models side by side, then backwards.
+
+Candidates are put in order by the share of the residual that their effect could explain once
+everything that the model can re-tune has done so (projection of sensitivities); the most
+promising are then really fitted. Ordering decides nothing: only fits and their predictions do.
+Several models are kept at every step, so that a pair that only works together is found.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.driven.decide import Judge
+from impactscope.discrepancy.driven.fitting import FINE, Fit, fit, sensitivities
+from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.terms import Term, key
+
+__all__ = ['MOST_NUMBERS', 'Effort', 'Outcome', 'search']
+
+Array = NDArray[np.float64]
+
+MOST_NUMBERS = 3  # that may be added to the baseline
+STRENGTHS = (0.2, 5.0)  # by how much a start may be stretched to what the projection asks for
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How widely a search looks."""
+
+    numbers: int = MOST_NUMBERS  # that may be added to the baseline
+    depth: int = 3  # terms that may be added
+    tried: int = 5  # candidates that are fitted from each model
+    beam: int = 2  # models that are kept at each step
+
+
+USUAL = Effort()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What a search found; ``rivals`` are other fits, by the names of their terms."""
+
+    baseline: Fit
+    best: Fit
+    rivals: tuple[Fit, ...]
+    believed: bool  # whether the best model is more than the baseline
+
+
+@dataclass(frozen=True, slots=True)
+class _Prospect:
+    term: Term
+    initial: Mapping[str, float]
+    share: float
+
+
+def _labels(terms: Iterable[Term]) -> frozenset[str]:
+    return frozenset(t.label for t in terms)
+
+
+def _starts(term: Term) -> list[dict[str, float]]:
+    """Values that a term is tried from: all firsts, all seconds, and mixed."""
+    choices = [n.starts for n in term.numbers]
+    combined = itertools.islice(itertools.product(*choices), 6)
+    return [
+        {key(term, n): v for n, v in zip(term.numbers, values, strict=True)} for values in combined
+    ]
+
+
+def prospects(
+    model: Model, base: Fit, candidates: Sequence[Term], segments: Sequence[Segment]
+) -> list[_Prospect]:
+    """Candidates in order of what they could explain of a fit's residual, best first."""
+    residual, retuned = sensitivities(model, base, segments)
+    basis = _orthonormal(retuned)
+    residual = residual - basis @ (basis.T @ residual)
+    power = float(residual @ residual) + 1e-300
+    fitted = [i for i, s in enumerate(segments) if not s.held_out]
+    scale = {}
+    for s in segments:
+        scale[s.channel] = max(
+            float(np.sqrt(np.mean(t.measured**2))) for t in segments if t.channel == s.channel
+        )
+    found = []
+    for term in candidates:
+        best: _Prospect | None = None
+        for initial in _starts(term):
+            values = {**base.values, **initial}
+            parts = []
+            for i in fitted:
+                predicted = model.predict(values, (*base.terms, term), base.starts[i], segments[i])
+                before = segments[i].measured - base.residuals[i]
+                parts.append((predicted - before) / (scale[segments[i].channel] or 1.0))
+            change = np.concatenate(parts)
+            whole = float(change @ change)
+            if not np.isfinite(whole) or whole == 0.0:
+                continue
+            change = change - basis @ (basis.T @ change)
+            length = float(change @ change)
+            if length < 1e-16 * whole:
+                continue
+            along = float(change @ residual)
+            share = along * abs(along) / (length * power)
+            stretch = float(np.clip(along / length, *STRENGTHS)) if along > 0.0 else 1.0
+            if len(term.numbers) == 1 and not term.restart:
+                initial = {k: v * stretch for k, v in initial.items()}
+            if best is None or share > best.share:
+                best = _Prospect(term, initial, share)
+        if best is not None:
+            found.append(best)
+    return sorted(found, key=lambda p: -p.share)
+
+
+def _orthonormal(columns: Array) -> Array:
+    if columns.shape[1] == 0:
+        return columns
+    size = np.linalg.norm(columns, axis=0)
+    u, s, _ = np.linalg.svd(columns / np.where(size > 0.0, size, 1.0), full_matrices=False)
+    return np.asarray(u[:, s > 1e-9 * max(float(s[0]), 1e-300)])
+
+
+class _Fits:
+    """Fits by the labels of their terms, each made once."""
+
+    def __init__(self, model: Model, segments: Sequence[Segment], baseline: Fit) -> None:
+        self.model = model
+        self.segments = segments
+        self.baseline = baseline
+        self.known: dict[frozenset[str], Fit] = {_labels(baseline.terms): baseline}
+
+    def make(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
+        names = _labels(terms)
+        if names not in self.known:
+            made = fit(self.model, terms, self.segments, {**base.values, **initial}, base.starts)
+            self.known[names] = made
+        return self.known[names]
+
+
+def search(
+    model: Model,
+    baseline: Fit,
+    segments: Sequence[Segment],
+    judge: Judge,
+    progress: Callable[[float], None] | None = None,
+    effort: Effort = USUAL,
+) -> Outcome:
+    """Find the smallest set of terms that the recordings cannot do without."""
+    fits = _Fits(model, segments, baseline)
+    beam = [baseline]
+    for depth in range(effort.depth):
+        grown: list[Fit] = []
+        for base in beam:
+            room = effort.numbers - base.added + baseline.added
+            candidates = [
+                t
+                for t in model.terms
+                if len(t.numbers) <= room and all(t.stands_with(o) for o in base.terms)
+            ]
+            for prospect in prospects(model, base, candidates, segments)[: effort.tried]:
+                grown.append(fits.make(base, (*base.terms, prospect.term), prospect.initial))
+                if progress is not None:
+                    share = len(grown) / (effort.tried * len(beam) + 1)
+                    progress((depth + share) / effort.depth)
+        grown = list({id(f): f for f in grown}.values())
+        if not grown:
+            break
+        for f in grown:
+            judge.weights(f)
+        grown.sort(key=lambda f: judge.criterion(f, baseline))
+        beam = grown[: effort.beam]
+        if depth > 0 and not any(judge.better(_best_parent(fits, f, judge), f) for f in beam):
+            break
+    everything = list(fits.known.values())
+    best = min(everything, key=lambda f: judge.criterion(f, baseline))
+    best = _prune(fits, best, judge)
+    if best is not baseline and not judge.better(baseline, best):
+        best = baseline
+    if best is not baseline:
+        best = _polish(fits, best)
+    rivals = tuple(f for f in fits.known.values() if f is not best)
+    return Outcome(baseline, best, rivals, len(best.terms) > len(baseline.terms))
+
+
+def _best_parent(fits: _Fits, child: Fit, judge: Judge) -> Fit:
+    """The best known fit with one term less."""
+    names = _labels(child.terms)
+    parents = [f for n, f in fits.known.items() if n < names and len(n) == len(names) - 1]
+    if not parents:
+        return fits.baseline
+    return min(parents, key=lambda f: judge.criterion(f, fits.baseline))
+
+
+def _prune(fits: _Fits, best: Fit, judge: Judge) -> Fit:
+    """Take away terms that the recordings can do without, the weakest first."""
+    given = _labels(fits.baseline.terms)
+    while best is not fits.baseline:
+        smaller = []
+        for term in best.terms:
+            if term.label in given:
+                continue
+            rest = tuple(t for t in best.terms if t is not term)
+            smaller.append(fits.make(best, rest, {}))
+        kept = [f for f in smaller if not judge.better(f, best)]
+        if not kept:
+            break
+        best = min(kept, key=lambda f: judge.criterion(f, fits.baseline))
+    return best
+
+
+def _polish(fits: _Fits, best: Fit) -> Fit:
+    """Fit once more from where it ended: a second start out of the same valley."""
+    again = fit(fits.model, best.terms, fits.segments, best.values, best.starts, tolerance=FINE)
+    fitted = [i for i, s in enumerate(fits.segments) if not s.held_out]
+    before = sum(float(np.sum(best.residuals[i] ** 2)) for i in fitted)
+    after = sum(float(np.sum(again.residuals[i] ** 2)) for i in fitted)
+    chosen = again if after <= before else best
+    chosen = dataclasses.replace(chosen, label='+'.join(t.label for t in chosen.terms))
+    fits.known[_labels(chosen.terms)] = chosen
+    return chosen
