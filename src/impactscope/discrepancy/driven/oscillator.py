@@ -82,7 +82,7 @@ def _load(p: Array, u: float, x: float, v: float, h: float) -> float:
     """Force on the mass without dry friction."""
     force = u + p[INPUT_OFFSET] - p[DAMPING] * v - restoring(p, x)
     force -= abs(v) * (p[SKEW_DAMPING] + p[QUADRATIC_DAMPING] * v)
-    return float(force - p[HYSTERESIS_STIFFNESS] * h
+    return float(force - p[HYSTERESIS_STIFFNESS] * h)
 
 
 @law
