@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from impactscope.errors import ConfigurationError
+from impactscope.proof.__main__ import main
 from impactscope.proof.bench import Pendulum
 from impactscope.proof.bench_mujoco import FEATURES, pendulum_speed, simulate_mujoco
 from impactscope.proof.known_cases import KNOWN_CASES, agreement, simulate
@@ -27,6 +28,19 @@ def test_a_wrong_simulator_is_told():
         return {name: 1.001 * values for name, values in samples.items()}
 
     assert max(row.in_noise for row in agreement(heavier)) > 1
+
+
+def test_a_wrong_simulator_has_its_exit_code(tmp_path, monkeypatch, capsys):
+    (tmp_path / 'shaky.py').write_text(
+        'from impactscope.proof.known_cases import simulate\n'
+        'def wrong(case):\n'
+        '    return {n: 1.01 * v for n, v in simulate(case).items()}\n'
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    arguments = ['agreement', '--features', 'cubic', '--simulator']
+    assert main([*arguments, 'impactscope.proof.known_cases:simulate']) == 0
+    assert main([*arguments, 'shaky:wrong']) == 1
+    assert 'hardening spring' in capsys.readouterr().out
 
 
 def test_cases_beyond_a_simulator_are_left_out():

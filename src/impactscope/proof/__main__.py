@@ -1,4 +1,4 @@
-"""``python -m impactscope.proof generate|run|score|all``: the concealed examination."""
+"""``python -m impactscope.proof generate|run|score|all|agreement``: the concealed examination."""
 
 from __future__ import annotations
 
@@ -7,17 +7,23 @@ import os
 import shlex
 import shutil
 import sys
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 from impactscope.errors import ImpactscopeError
 
+from .bench_mujoco import FEATURES, simulate_mujoco
 from .confusion_picture import confusion_svg
 from .draw import CATEGORIES
 from .examine import examine
 from .generate import SHORT, generate
+from .known_cases import Simulator, agreement, simulate
 from .peers import peers
 from .score import confusion, lines, read_marks, score, write
 from .sealed import open_sealed
+
+AGREEMENT = 0.1  # of the noise, within which two simulators agree
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -25,6 +31,8 @@ def main(argv: list[str] | None = None) -> int:
     options = _parser().parse_args(argv)
     output: Path = options.output
     try:
+        if options.stage == 'agreement':
+            return _agreement(options.simulator, options.features)
         if options.stage in ('generate', 'all'):
             _generate(options)
         if options.stage in ('run', 'all'):
@@ -41,7 +49,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='impactscope.proof', description=__doc__)
-    parser.add_argument('stage', choices=('generate', 'run', 'score', 'all'), nargs='?')
+    parser.add_argument(
+        'stage', choices=('generate', 'run', 'score', 'all', 'agreement'), nargs='?'
+    )
     parser.set_defaults(stage='all')
     parser.add_argument('--seed', type=int, help='of all chance; default: fresh, and printed')
     parser.add_argument('--campaigns', type=int, help='how many; default 200, short 12')
@@ -55,6 +65,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--output', type=Path, default=Path('out/proof'))
     parser.add_argument('--engine', help='command in front of: explain CAMPAIGN --json FILE')
     parser.add_argument('--timeout', type=float, default=900.0, help='s for one campaign')
+    parser.add_argument(
+        '--simulator', help='module:function, for agreement: another simulator of the known cases'
+    )
+    parser.add_argument('--features', default='', help='what it knows, with commas; default: all')
     parser.add_argument('--digest', help='SHA-256 of the sealed answers, as published')
     return parser
 
@@ -76,6 +90,25 @@ def _generate(options: argparse.Namespace) -> None:
         progress=_progress,
     )
     _say(f'sealed answers: SHA-256 {digest}')
+
+
+def _agreement(simulator: str | None, features: str) -> int:
+    """Distances of simulators from the exact solutions; 1 where one exceeds a tenth of noise."""
+    chosen: list[tuple[str, Simulator, frozenset[str] | None]] = []
+    if simulator is None:
+        chosen.append(('integrator', simulate, None))
+        if find_spec('mujoco') is not None:
+            chosen.append(('MuJoCo', simulate_mujoco, FEATURES))
+    else:
+        module, _, function = simulator.partition(':')
+        known = frozenset(filter(None, features.split(','))) or None
+        chosen.append((simulator, getattr(import_module(module), function), known))
+    worst = 0.0
+    for name, run, known in chosen:
+        for row in agreement(run, known):
+            worst = max(worst, row.in_noise)
+            _say(f'{name:12s} {row.case:28s} {row.channel:22s} {row.in_noise:.2g} of the noise')
+    return int(not worst < AGREEMENT)
 
 
 def _engine() -> list[str]:

@@ -19,7 +19,7 @@ from scipy.special import ellipj, ellipk
 from .bench import Bench, Pulse
 from .integrator import COLUMNS, integrate
 
-__all__ = ['KNOWN_CASES', 'Agreement', 'KnownCase', 'agreement', 'simulate']
+__all__ = ['KNOWN_CASES', 'Agreement', 'KnownCase', 'Simulator', 'agreement', 'simulate']
 
 Array = NDArray[np.float64]
 Channels = dict[str, Array]
