@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from impactscope.proof.bench import BENCH, Pulse
 from impactscope.proof.detectability import Freedom, samples
@@ -70,6 +71,38 @@ def test_more_recordings_show_more():
     change = effect('hardening_spring')
     sizes = [Freedom(taps(n)).detectability(change.apply(taps(n), 3e8, {})) for n in (1, 2, 4)]
     assert sizes[0] < sizes[1] < sizes[2]
+
+
+@pytest.mark.parametrize('key', ['coulomb_friction', 'clearance'])
+def test_no_other_optimiser_hides_an_effect_better(key):
+    """The same freedom, spelled out here and left to a general least-squares solver."""
+    clean = taps(1)
+    chosen = effect(key)
+    truth = chosen.apply(clean, {'coulomb_friction': 2.0, 'clearance': 2e-5}[key], {})
+    target = np.concatenate(samples(truth))
+
+    def residual(knobs):
+        k, m, c, force, plate, tap, start = knobs
+        turned = clean.with_bench(
+            lambda b: {
+                'stiffness': b.bench.stiffness * (1 + k),
+                'mass': b.bench.mass * (1 + m),
+                'damping': b.bench.damping * (1 + c),
+            }
+        )
+        turned = turned.with_chain('force', gain=1 + force)
+        turned = turned.with_chain('acceleration.plate', gain=1 + plate)
+        blow = turned.blows[0]
+        pulses = tuple(p._replace(peak=p.peak * (1 + tap)) for p in blow.pulses)
+        moved = replace(blow, start=blow.start + 1e-3 * start, pulses=pulses)
+        turned = replace(turned, blows=(moved,))
+        left = target - np.concatenate(samples(turned, clean))
+        return np.append(left, [k / (500 / 69e3), force / 0.003, plate / 0.005])
+
+    best = least_squares(residual, np.zeros(7), diff_step=1e-5, x_scale=1e-2, xtol=1e-12)
+    least = math.sqrt(2 * best.cost)
+    assert least > 20
+    assert Freedom(clean).detectability(truth, refine=4) == pytest.approx(least, rel=0.02)
 
 
 @pytest.mark.parametrize('key', ['coulomb_friction', 'hardening_spring', 'clock_error', 'offset'])
