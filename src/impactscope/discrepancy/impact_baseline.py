@@ -302,7 +302,8 @@ def _implied_weight(
 
 def _pendulum(values: Mapping[str, float], i: int) -> Pendulum:
     distance = values.get(f'mass_distance@{i}', 0.15)
-    return Pendulum(*(values[f'pendulum.{n}'] for n in _PENDULUM), distance)
+    numbers = {name: values[f'pendulum.{name}'] for name in _PENDULUM}
+    return Pendulum(**numbers, mass_distance=distance)
 
 
 def _place(model: ImpactModel, x: Array) -> Array:

@@ -97,7 +97,8 @@ class _Scene:
         model, values = fit.model, fit.values
         self.model = model
         self.there: set[str] = set()
-        self.travel, self.speed, self.peak = 1e-6, 1e-6, {}
+        self.travel, self.speed = 1e-6, 1e-6
+        self.peak: dict[str, float] = {}
         for i in model.data.fitted:
             blow = model.data.blows[i]
             if blow.recording.kind != 'tap':
@@ -289,13 +290,13 @@ def _chain_candidates(kind: Mechanism, channel: str, scene: _Scene) -> Iterator[
     elif kind.name == 'clock_error':
         offset = Free(f'{tag}.offset', 0.0, 1e-5, -0.02, 0.02)
         drift = Free(f'{tag}.drift', 0.0, 1e-4, -0.01, 0.01)
-        for free in ((offset,), (offset, drift)):
+        for numbers in ((offset,), (offset, drift)):
             yield Candidate(
-                label=f'{tag} {"offset" if len(free) == 1 else "and drift"}',
-                free=free,
-                constants={} if len(free) == 2 else {drift.key: 0.0},
+                label=f'{tag} {"offset" if len(numbers) == 1 else "and drift"}',
+                free=numbers,
+                constants={} if len(numbers) == 2 else {drift.key: 0.0},
                 starts=({offset.key: 2e-5, drift.key: 1e-5},),
-                amplitudes={f.key: 0.0 for f in free},
+                amplitudes={f.key: 0.0 for f in numbers},
                 **common,  # type: ignore[arg-type]
             )
     else:

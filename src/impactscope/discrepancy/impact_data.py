@@ -1,8 +1,8 @@
 """Recordings of blows made ready for a fit: onset, noise, and bins that keep what matters.
 
-Around the blow, and wherever a channel changes quickly, every sample counts on its own; elsewhere
-samples are averaged over bins, and the simulation is averaged over the same span by two nodes,
-which is exact for cubics. So a second of ring-down costs little and loses nothing.
+Before the blow, and where a channel is sampled faster than anything on the bench moves, samples
+are averaged over bins, and the simulation over the same span by two nodes, which is exact for two
+samples and for cubics. Around the first contact every sample counts on its own.
 """
 
 from __future__ import annotations
@@ -229,7 +229,7 @@ def _moments(channels: Mapping[str, BinnedChannel]) -> tuple[Array, dict[str, In
 def _bin(
     channel: ChannelSamples, onset: float, sigma: float, last: float, *, coarse: bool
 ) -> BinnedChannel:
-    """One channel in bins; not ``coarse``: contacts and reversals may kink it at any time."""
+    """One channel in bins; ``coarse``: one that contacts and reversals do not make jump."""
     rate = channel.sample_rate
     first = max(0, math.ceil((onset - LEAD - channel.start) * rate))
     stop = min(channel.values.size, math.floor((onset + last - channel.start) * rate) + 1)
@@ -237,10 +237,9 @@ def _bin(
     time = channel.start + (first + np.arange(samples.size)) / rate
     since = time - onset
     clip = _clipping(samples, channel)
-    size = np.full(samples.size, max(1, round(8e-4 * rate)))
-    size[since > 0.25] = max(1, round(2e-3 * rate))
-    if not coarse:
-        size[:] = max(1, round(2e-4 * rate))
+    # two nodes reproduce two samples exactly; longer bins would blur the kinks of contacts
+    shortest = max(1, round(2e-4 * rate))
+    size = np.full(samples.size, max(2, shortest) if coarse else shortest)
     size[since < -5e-3] = max(1, round(2e-3 * rate))
     size[(since >= -5e-3) & (since < _FINE_UNTIL)] = 1
     size[_quick(samples, sigma, round(1.5e-3 * rate))] = 1

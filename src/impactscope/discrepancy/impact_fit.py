@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.impact_model import ImpactModel, Layout
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['Fit', 'fit', 'grow', 'jacobian', 'projector']
+__all__ = ['Fit', 'at_point', 'fit', 'grow', 'jacobian', 'projector']
 
 Array = NDArray[np.float64]
 
-_STEP = 0.02  # of a number's scale, for finite differences
+_STEP = 0.02  # of a number's scale, for finite differences at most
+_FELT = 3.0  # norm of the change of all residuals that a step shall make
 _SETTLED = 0.02  # fall of chi-square below which a fit has converged
 
 
@@ -54,9 +55,13 @@ class Fit:
         Inflated by the reduced chi-square where that is above one.
         """
         scale = np.linalg.norm(self.jacobian, axis=0)
-        scale[scale == 0.0] = 1.0
-        inverse = np.linalg.pinv((self.jacobian / scale).T @ (self.jacobian / scale), rcond=1e-12)
-        return np.asarray(inverse / np.outer(scale, scale) * max(1.0, self.reduced))
+        known = scale > 0.0
+        result = np.zeros((scale.size, scale.size))
+        triangle = np.linalg.qr(self.jacobian[:, known] / scale[known], mode='r')
+        inverse = np.linalg.pinv(triangle, rcond=1e-12)
+        inverse = inverse @ inverse.T / np.outer(scale[known], scale[known])
+        result[np.ix_(known, known)] = inverse * max(1.0, self.reduced)
+        return result
 
     def std(self, key: str) -> float:
         """Standard uncertainty of a free number in its own unit; 0 for a constant."""
@@ -85,7 +90,7 @@ def jacobian(
         number = model.free[j]
         if number.blow is not None and number.blow not in layout.blow_spans:
             continue
-        step = _STEP * number.scale
+        step = min(_STEP * number.scale, model.steps.get(number.key, math.inf))
         if x[j] + step > upper[j]:
             step = -step
         moved = x.copy()
@@ -96,8 +101,11 @@ def jacobian(
             span = layout.blow_spans[i]
             changed = model.blow_residuals(values, i, layout)
             result[span, j] = (changed - residuals[span]) / step
-        prior = model.prior_residuals(values)[j] - residuals[layout.size + j]
-        result[layout.size + j, j] = prior / step
+        prior = model.prior_residuals(values, layout) - residuals[layout.size :]
+        result[layout.size :, j] = prior / step
+        norm = float(np.linalg.norm(result[:, j]))
+        # later contacts amplify: a step that is small at the onset may be far too large there
+        model.steps[number.key] = _FELT / max(norm, 1e-300)
     return result
 
 
@@ -190,6 +198,13 @@ def grow(
         )
         x = result.x
     return result
+
+
+def at_point(model: ImpactModel, layout: Layout, x: Array) -> Fit:
+    """Residuals and sensitivities where nothing is fitted: at numbers found elsewhere."""
+    residuals = model.residuals(x, layout)
+    slopes = jacobian(model, x, layout, residuals)
+    return Fit(model, layout, x, residuals, slopes, float(residuals @ residuals), False)
 
 
 def projector(slopes: Array) -> Array:

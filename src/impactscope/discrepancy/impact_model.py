@@ -35,11 +35,12 @@ from impactscope.physics.twin.bench import (
 )
 from impactscope.physics.twin.simulate import CHANNELS, solve
 
-__all__ = ['ActiveEffect', 'Free', 'ImpactModel', 'Layout', 'Prediction']
+__all__ = ['SPEED_RATIO', 'ActiveEffect', 'Free', 'ImpactModel', 'Layout', 'Prediction']
 
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-7
+SPEED_RATIO = 'impact_speed_loss.ratio'
 _CACHE = 6  # solutions kept for each blow
 _KINK_TIME = 1.5e-5  # s around a reversal in which a sample may fall on either side of its jump
 _WHOLE = ('low_pass_filter', 'ac_coupling')  # effects that need every sample
@@ -138,6 +139,7 @@ class ImpactModel:
     caches: list[dict[bytes, tuple[Array, Array, NDArray[np.int64]]]] = field(
         default_factory=list, repr=False
     )
+    steps: dict[str, float] = field(default_factory=dict, repr=False)  # of finite differences
 
     def __post_init__(self) -> None:
         if not self.caches:
@@ -209,15 +211,21 @@ class ImpactModel:
         out = np.empty(layout.size + len(self.free))
         for i in layout.blows:
             out[layout.blow_spans[i]] = self.blow_residuals(values, i, layout)
-        out[layout.size :] = self.prior_residuals(values)
+        out[layout.size :] = self.prior_residuals(values, layout)
         return out
 
-    def prior_residuals(self, values: Mapping[str, float]) -> Array:
+    def prior_residuals(self, values: Mapping[str, float], layout: Layout) -> Array:
         """Distance of each free number from what is known of it; zero without a prior."""
         out = np.zeros(len(self.free))
+        ratio = values.get(SPEED_RATIO, 1.0)
         for j, number in enumerate(self.free):
-            if number.prior is not None:
-                out[j] = (values[number.key] - number.prior[0]) / number.prior[1]
+            absent = number.blow is not None and number.blow not in layout.blow_spans
+            if number.prior is None or absent:
+                continue
+            mean, std = number.prior
+            if ratio != 1.0 and number.blow is not None:
+                mean = _after_loss(number.key, mean, ratio, values)
+            out[j] = (values[number.key] - mean) / std
         return out
 
     def blow_residuals(self, values: Mapping[str, float], i: int, layout: Layout) -> Array:
@@ -317,6 +325,8 @@ class ImpactModel:
         found = []
         for active in self.effects:
             kind = mechanism(active.name)
+            if active.name == 'impact_speed_loss' and SPEED_RATIO in values:
+                continue  # see _after_loss
             if kind.on_channel or not kind.needs <= there:
                 continue
             numbers = self._numbers(values, active, i)
@@ -356,6 +366,22 @@ class ImpactModel:
         return chain
 
 
+def _after_loss(key: str, stated: float, ratio: float, values: Mapping[str, float]) -> float:
+    """What a release as stated amounts to after a loss of speed, as an angle or a speed.
+
+    The fitted release is the one that gives the speed at impact. So a loss of speed does not
+    enter the equations of motion, only what the stated release leads to expect: the two could
+    otherwise hardly be told apart by a fit whose sensitivity to speed is very large.
+    """
+    if key.startswith('speed@'):
+        return ratio * stated
+    if not key.startswith('angle@'):
+        return stated
+    if values.get('orientation', 0.0) > 0.5:
+        return math.degrees(2 * math.asin(min(ratio * math.sin(math.radians(stated) / 2), 1.0)))
+    return math.degrees(math.asin(min(ratio**2 * math.sin(math.radians(stated)), 1.0)))
+
+
 def _follow_weight(numbers: dict[str, float], blow: Blow, bench: Bench) -> bool:
     """Fill in the pendulum's weight where it is to follow from the geometry; False: none acts."""
     if not isinstance(blow, PendulumBlow):
@@ -387,7 +413,7 @@ def describe(values: Mapping[str, float], data: BlowData, i: int) -> tuple[Bench
     damper = None
     contact = BareContact()
     if recording.damper and 'damper.parallel_stiffness' in values:
-        branches = []
+        branches: list[Branch] = []
         while f'damper.branches.{len(branches)}.stiffness' in values:
             n = len(branches)
             branches.append(

@@ -24,9 +24,10 @@ from impactscope.discrepancy.evidence import (
     least_gain,
 )
 from impactscope.discrepancy.impact_candidates import Candidate, candidates
-from impactscope.discrepancy.impact_fit import Fit, fit, grow, jacobian, projector
+from impactscope.discrepancy.impact_fit import Fit, at_point, fit, grow, jacobian, projector
 from impactscope.discrepancy.impact_model import ImpactModel, Layout
 from impactscope.errors import ImpactscopeError
+from impactscope.physics.mechanisms.registry import mechanism
 
 __all__ = ['Found', 'Outcome', 'Search', 'held_out_fit']
 
@@ -39,6 +40,7 @@ _MOST = 3  # findings
 _JOINT = 6  # candidates that are fitted jointly in a step
 _BEAM = 3  # first steps that are followed when none explains the recordings
 _QUIET = 1.15  # reduced chi-square below which a short window holds nothing to look for
+_JUMP = 8.0  # reduced chi-square from which a shorter window is looked at first
 _LOST = 2.0  # reduced chi-square above which a longer window tells nothing more
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
 
@@ -111,27 +113,43 @@ class Search:
         """Search from a fitted baseline on."""
         outcome = Outcome(baseline, baseline, [])
         current = baseline
-        for n, window in enumerate(self.windows):
-            last = n == len(self.windows) - 1
-            self.progress(0.1 + 0.6 * n / len(self.windows), f'up to {window:g} s')
+        sound: Fit | None = None  # the last fit that a window was content with
+        waiting = list(self.windows)
+        while waiting:
+            window = waiting.pop(0)
+            last = not waiting
+            self.progress(self._share(window), f'up to {window:g} s')
             layout = current.model.layout(current.model.data.fitted, window)
-            current = fit(current.model, layout, current.x)
+            tried = fit(current.model, layout, current.x)
+            closer = _between(sound, window)
+            if tried.reduced > _JUMP and closer is not None:
+                waiting[:0] = [closer, window]  # look where the misfit has only begun
+                continue
+            current = tried
             outcome.window = window
+            if current.reduced > _QUIET and outcome.accepted:
+                current = self._reconsider(current, outcome, sound)
             if last or current.reduced > _QUIET:
-                current = self._forward(current, outcome, last=last)
+                current = self._forward(current, outcome, sound, last=last)
             if current.reduced > _LOST and not last:
                 break  # what comes later only amplifies what is not understood
+            sound = current if current.reduced < _QUIET else None
         outcome.final = current
         self._backward(outcome)
         outcome.baseline = self._with(outcome, [], outcome.final.layout)
         return outcome
 
+    def _share(self, window: float) -> float:
+        done = sum(w <= window for w in self.windows) - 1
+        return 0.1 + 0.6 * max(done, 0) / len(self.windows)
+
     # --- forwards ----------------------------------------------------------------------------
 
-    def _forward(self, current: Fit, outcome: Outcome, *, last: bool) -> Fit:
+    def _forward(self, current: Fit, outcome: Outcome, sound: Fit | None, *, last: bool) -> Fit:
         """Add what is missing within the current window, one candidate after the other."""
         while len(outcome.accepted) < _MOST:
-            found, outcome.looks = self.step(current)
+            found, outcome.looks = self.step(current, sound)
+            sound = None
             outcome.last = found
             good = [f for f in found if f.p_value <= self.thresholds.false_finding]
             if not good:
@@ -150,6 +168,45 @@ class Search:
                 break
         return current
 
+    def _reconsider(self, current: Fit, outcome: Outcome, sound: Fit | None) -> Fit:
+        """Find the last finding anew, where a longer window does not bear it out."""
+        candidate = outcome.accepted[-1]
+        model = outcome.baseline.model
+        for chosen in outcome.accepted[:-1]:
+            model = chosen.extend(model)
+        known = current.values if sound is None else sound.values
+        x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
+        without = at_point(model, current.layout, x)
+        found = self.judge(
+            without, self.order(without, candidates(without, self.baseline_names)), outcome.looks
+        )
+        found += self._restarted(without, candidate, outcome.looks)
+        found.sort(key=lambda f: f.criterion)
+        better = [f for f in found if f.fit.chi_square < 0.8 * current.chi_square]
+        if not better:
+            return current
+        best = better[0]
+        del outcome.found[candidate.label]
+        outcome.rivals.pop(candidate.label, None)
+        outcome.accepted[-1] = best.candidate
+        outcome.found[best.candidate.label] = best
+        outcome.rivals[best.candidate.label] = [f for f in found if f is not best]
+        return best.fit
+
+    def _restarted(self, without: Fit, candidate: Candidate, looks: int) -> list[Found]:
+        """A candidate fitted jointly from each of its starts."""
+        workbench = _Workbench(without)
+        found = []
+        for start in candidate.starts[:6]:
+            model = candidate.extend(without.model)
+            trial = Trial(candidate, 0.0, model, workbench.vector(model, start))
+            try:
+                joint = fit(model, without.layout, workbench.scaled(trial).x, iterations=12)
+            except ImpactscopeError:
+                continue
+            found.append(weigh(candidate, joint, without, looks))
+        return found
+
     def _look_ahead(self, good: Sequence[Found]) -> Found:
         """Of the best first steps, the one from which the next step leads furthest."""
         reached = []
@@ -159,10 +216,17 @@ class Search:
             reached.append((best, first))
         return min(reached, key=lambda item: item[0])[1]
 
-    def step(self, current: Fit) -> tuple[list[Found], int]:
-        """Candidates fitted jointly, the best first, and the number of candidates."""
+    def step(self, current: Fit, sound: Fit | None = None) -> tuple[list[Found], int]:
+        """Candidates fitted jointly, the best first, and the number of candidates.
+
+        ``sound``: a fit of the same model to a shorter window that had nothing amiss; where the
+        misfit is large, its numbers are closer to the truth than those that were bent to fit.
+        """
         listed = candidates(current, self.baseline_names)
-        trials = self.order(current, listed)
+        place = current
+        if sound is not None and sound.model is current.model and current.reduced > _LOST:
+            place = at_point(current.model, current.layout, sound.x)
+        trials = self.order(place, listed)
         found = self.judge(current, trials, len(listed))
         return self._settle(current, found, len(listed)), len(listed)
 
@@ -199,23 +263,28 @@ class Search:
         seen: dict[str, int] = {}
         strong = current.reduced > _QUIET
         spread = max(1.0, current.reduced)
-        best = -math.inf
+        top = trials[0].gain if trials else 0.0
+        kin: set[str] = set()
         for trial in trials:
-            if len(found) >= _JOINT:
-                break
-            kind = f'{trial.candidate.name}:{trial.candidate.channel}'
-            if seen.get(kind, 0) >= (1 if trial.candidate.channel else 3):
+            candidate = trial.candidate
+            kind = f'{candidate.name}:{candidate.channel}'
+            if seen.get(kind, 0) >= (1 if candidate.channel else 3):
                 continue
-            least = least_gain(trial.candidate.cost, looks, self.thresholds.false_finding)
-            if trial.gain < 0.6 * least * spread or (not strong and trial.gain < best - 20.0):
+            least = least_gain(candidate.cost, looks, self.thresholds.false_finding)
+            if trial.gain < 0.6 * least * spread:
+                continue
+            related = candidate.name in kin
+            weak = not strong and trial.gain < top - max(20.0, 0.4 * top)
+            if (weak or len(found) >= _JOINT) and not related:
                 continue
             seen[kind] = seen.get(kind, 0) + 1
             try:
                 joint = fit(trial.model, current.layout, trial.x, settled=0.1)
             except ImpactscopeError:
                 continue
-            found.append(weigh(trial.candidate, joint, current, looks))
-            best = max(best, current.chi_square - joint.chi_square)
+            found.append(weigh(candidate, joint, current, looks))
+            if len(found) == 1 and candidate.effects:
+                kin = set(mechanism(candidate.name).kin)
         found.sort(key=lambda f: f.criterion)
         return found
 
@@ -305,10 +374,26 @@ class Search:
         fits = []
         for known in (outcome.final.values, outcome.baseline.values):
             x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
-            fits.append(fit(model, layout, x, settled=0.1, iterations=10))
+            fits.append(fit(model, layout, x, settled=0.1))
             if fits[-1].reduced < _QUIET:
                 break
         return min(fits, key=lambda f: f.chi_square)
+
+
+def _between(sound: Fit | None, window: float) -> float | None:
+    """A window between the last sound one and the next; None where they are close already."""
+    if sound is None:
+        return None
+    reached = max(
+        float(c.centres[sound.layout.masks[i, n]][-1]) - sound.model.data.blows[i].onset
+        for i in sound.layout.blows
+        for n, c in sound.model.data.blows[i].channels.items()
+        if sound.model.data.blows[i].recording.kind != 'tap' and sound.layout.masks[i, n].any()
+    ) if any(b.recording.kind != 'tap' for b in sound.model.data.blows) else math.inf  # fmt: skip
+    end = min(window, 0.5)
+    if not end > 1.15 * reached:
+        return None
+    return math.sqrt(reached * end)
 
 
 def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
@@ -358,7 +443,7 @@ class _Workbench:
                 found = trial
         return found
 
-    def _vector(self, model: ImpactModel, start: Mapping[str, float]) -> Array:
+    def vector(self, model: ImpactModel, start: Mapping[str, float]) -> Array:
         known = self.current.values
         return np.array(
             [f.to_inner(start.get(f.key, known.get(f.key, f.start))) for f in model.free]
@@ -370,7 +455,7 @@ class _Workbench:
 
     def _tried(self, candidate: Candidate, start: Mapping[str, float]) -> Trial | None:
         model = candidate.extend(self.current.model)
-        x = self._vector(model, start)
+        x = self.vector(model, start)
         if len(candidate.free) > 4:  # a number for each blow: linear
             return self.refined(Trial(candidate, 0.0, model, x), 1)
         try:
@@ -380,10 +465,19 @@ class _Workbench:
         gain = self.power - float(left @ left)
         if not candidate.amplitudes:
             return Trial(candidate, gain, model, x)
+        size = float((left - self.residual) @ (left - self.residual))
+        if size > 4.0 * self.power:  # too strong a trial says nothing of a weak effect
+            start = self._times(candidate, start, math.sqrt(self.power / size))
+            x = self.vector(model, start)
+            try:
+                left = self._left(model, x)
+            except ImpactscopeError:
+                return None
+            gain = max(gain, self.power - float(left @ left))
         factor, linear = self._factor(left)
         if factor < 0.0 and self._one_sided(candidate, start):
             return Trial(candidate, min(gain, 0.0), model, x)
-        x = self._vector(model, self._times(candidate, start, float(np.clip(factor, -30.0, 30.0))))
+        x = self.vector(model, self._times(candidate, start, float(np.clip(factor, -30.0, 30.0))))
         return Trial(candidate, max(gain, linear), model, x)
 
     def _factor(self, left: Array) -> tuple[float, float]:
@@ -438,9 +532,7 @@ class _Workbench:
                 break
             values = model.values(x)
             start = {f.key: values[f.key] for f in candidate.free}
-            x = self._vector(
-                model, self._times(candidate, start, float(np.clip(factor, 0.05, 10)))
-            )
+            x = self.vector(model, self._times(candidate, start, float(np.clip(factor, 0.05, 10))))
         return best or trial
 
     def _released(self, candidate: Candidate) -> Trial:
