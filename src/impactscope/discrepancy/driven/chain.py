@@ -91,9 +91,9 @@ class ChainModel:
         if drift != 0.0:
             y = y + drift * time
         if 'mains_hum' in parts:
-            angle = 2.0 * math.pi * values['mains_hum.frequency'] * (segment.begin + time)
-            y = y + values['mains_hum.sine'] * np.sin(angle)
-            y = y + values['mains_hum.cosine'] * np.cos(angle)
+            hum = parts['mains_hum'].label
+            angle = 2.0 * math.pi * values[f'{hum}.frequency'] * (segment.begin + time)
+            y = y + values[f'{hum}.sine'] * np.sin(angle) + values[f'{hum}.cosine'] * np.cos(angle)
         limit = values.get('saturation.limit', math.inf)
         if math.isfinite(limit):
             y = np.clip(y, -limit, limit)

@@ -13,8 +13,9 @@ from impactscope.discrepancy.driven.chain import linear_chain
 from impactscope.discrepancy.driven.decide import Judge
 from impactscope.discrepancy.driven.describe import Subject, describe
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
+from impactscope.discrepancy.driven.guess import equation_start
 from impactscope.discrepancy.driven.modal import further_modes
-from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
 from impactscope.discrepancy.driven.oscillation import linear_oscillator
 from impactscope.discrepancy.driven.prescribed import linear_prescribed
 from impactscope.discrepancy.driven.recordings import Cut, cuts
@@ -71,6 +72,7 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
         judge,
         lambda share: tell(0.3 + 0.65 * share, 'searching'),
         effort,
+        equation_start if isinstance(model, OscillatorModel) else None,
     )
     if modes is not None and not _prefer(modes.fit, outcome, judge):
         modes = None

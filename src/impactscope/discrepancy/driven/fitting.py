@@ -42,6 +42,7 @@ class Fit:
     residuals: tuple[Array, ...]
     added: int  # numbers beyond the baseline's
     label: str = ''
+    evaluations: int = 0
 
     def rms(self, segment: int) -> float:
         """Root mean square of one segment's residual, in the channel's unit."""
@@ -146,6 +147,7 @@ def fit(
         return _differences(residual, theta, residual(theta) if known is None else known)
 
     theta = np.array(x0)
+    spent = 0
     if theta.size:
         solution = least_squares(
             residual,
@@ -158,7 +160,7 @@ def fit(
             xtol=tolerance,
             gtol=1e-14,
         )
-        theta, slopes = solution.x, solution.jac
+        theta, slopes, spent = solution.x, solution.jac, int(solution.nfev)
     else:
         slopes = np.zeros((total, 0))
     values = values_of(theta)
@@ -174,7 +176,7 @@ def fit(
     spread = _scatter(slopes, np.concatenate([weights[i] * residuals[i] for i in fitted]))
     std = {k: float(spread[j] * n.scale) for j, (k, n) in enumerate(shared)}
     added = sum(len(t.numbers) for t in terms)
-    return Fit(terms, values, std, tuple(begins), tuple(residuals), added)
+    return Fit(terms, values, std, tuple(begins), tuple(residuals), added, evaluations=spent)
 
 
 def _own_beginning(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.mechanics import Sizes, mechanical_terms
-from impactscope.discrepancy.driven.model import OscillatorModel, Segment, inside_samples
+from impactscope.discrepancy.driven.model import AT_REST, OscillatorModel, Segment, inside_samples
 from impactscope.discrepancy.driven.recordings import Cut, derivative_of, first_state
 from impactscope.discrepancy.driven.terms import Number
 
@@ -38,7 +38,7 @@ def linear_oscillator(
     period = 1.0 / cuts[0].rate
     steps = int(np.clip(math.ceil(1.5 * fastest * period / STEP_ANGLE), 1, MOST_STEPS))
     cycle = 2.0 * math.pi / (fastest * period) if fastest > 0.0 else 9.0 / QUARTER
-    segments = [_segment(c, steps, min(cycle, 80.0), held=held) for c in cuts]
+    segments = [_segment(c, steps, min(cycle, 80.0), spring=spring, held=held) for c in cuts]
     best: tuple[float, OscillatorModel, Fit] | None = None
     for mass, damping, stiffness in starts:
         model = OscillatorModel(
@@ -72,7 +72,7 @@ def linear_oscillator(
     return full, segments, made
 
 
-def _segment(cut: Cut, steps: int, period_samples: float, *, held: bool) -> Segment:
+def _segment(cut: Cut, steps: int, period_samples: float, *, spring: bool, held: bool) -> Segment:
     period = 1.0 / cut.rate
     n = cut.output.size
     if cut.drive is None:
@@ -84,6 +84,9 @@ def _segment(cut: Cut, steps: int, period_samples: float, *, held: bool) -> Segm
     if derivative == 0:
         width = 20 if cut.drive is None else round(QUARTER * period_samples)
         state = first_state(cut.output, period, width)
+        rests = np.max(np.abs(cut.output[:4])) < AT_REST * np.max(np.abs(cut.output))
+        if rests and cut.drive is not None and spring:
+            state = (0.0, 0.0)  # quieter than any estimate from a few samples
     elif derivative == 1:
         state = (0.0, float(cut.output[0]))
     return Segment(

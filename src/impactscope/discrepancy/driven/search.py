@@ -17,15 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.decide import Judge
-from impactscope.discrepancy.driven.fitting import FINE, Fit, fit, sensitivities
+from impactscope.discrepancy.driven.fitting import FINE, Fit, channel_scales, fit, sensitivities
 from impactscope.discrepancy.driven.model import Model, Segment
-from impactscope.discrepancy.driven.terms import Term, key
+from impactscope.discrepancy.driven.terms import Number, Term, key
 
 __all__ = ['MOST_NUMBERS', 'Effort', 'Outcome', 'search']
 
 Array = NDArray[np.float64]
+Start = Callable[[Sequence[Number], Sequence[Term], Sequence[Segment]], Mapping[str, float]]
 
 MOST_NUMBERS = 3  # that may be added to the baseline
+BRIEF = 20  # evaluations after which it is seen which of two starts is better
 STRENGTHS = (0.2, 5.0)  # by how much a start may be stretched to what the projection asks for
 
 
@@ -127,18 +129,40 @@ def _orthonormal(columns: Array) -> Array:
 class _Fits:
     """Fits by the labels of their terms, each made once."""
 
-    def __init__(self, model: Model, segments: Sequence[Segment], baseline: Fit) -> None:
+    def __init__(
+        self, model: Model, segments: Sequence[Segment], baseline: Fit, start: Start | None
+    ) -> None:
         self.model = model
         self.segments = segments
         self.baseline = baseline
+        self.start = start
+        self.scales = channel_scales(segments)
         self.known: dict[frozenset[str], Fit] = {_labels(baseline.terms): baseline}
 
     def make(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
         names = _labels(terms)
         if names not in self.known:
-            made = fit(self.model, terms, self.segments, {**base.values, **initial}, base.starts)
-            self.known[names] = made
+            tries = [{**base.values, **initial}]
+            if self.start is not None:
+                guessed = self.start(self.model.numbers, terms, self.segments)
+                if guessed:
+                    tries.append({**base.values, **initial, **guessed})
+            made = [
+                fit(self.model, terms, self.segments, t, base.starts, evaluations=BRIEF)
+                for t in tries
+            ]
+            best = min(made, key=self.misfit)
+            if len(made) > 1 or best.evaluations >= BRIEF:
+                best = fit(self.model, terms, self.segments, best.values, best.starts)
+            self.known[names] = best
         return self.known[names]
+
+    def misfit(self, made: Fit) -> float:
+        """Sum of squares over what was fitted, by channel's scale."""
+        pairs = zip(made.residuals, self.segments, strict=True)
+        return sum(
+            float(np.sum(r**2)) / self.scales[s.channel] ** 2 for r, s in pairs if not s.held_out
+        )
 
 
 def search(
@@ -148,9 +172,13 @@ def search(
     judge: Judge,
     progress: Callable[[float], None] | None = None,
     effort: Effort = USUAL,
+    start: Start | None = None,
 ) -> Outcome:
-    """Find the smallest set of terms that the recordings cannot do without."""
-    fits = _Fits(model, segments, baseline)
+    """Find the smallest set of terms that the recordings cannot do without.
+
+    ``start``: gives further values to set out from.
+    """
+    fits = _Fits(model, segments, baseline, start)
     beam = [baseline]
     for depth in range(effort.depth):
         grown: list[Fit] = []
@@ -172,6 +200,12 @@ def search(
         for f in grown:
             judge.weights(f)
         grown.sort(key=lambda f: judge.criterion(f, baseline))
+        room = effort.numbers + baseline.added
+        others = [fits.make(f, t, v) for f in grown[:1] for t, v in _siblings(model, f, room)]
+        for f in others:
+            judge.weights(f)
+        grown = list({id(f): f for f in [*grown, *others]}.values())
+        grown.sort(key=lambda f: judge.criterion(f, baseline))
         beam = grown[: effort.beam]
         if depth > 0 and not any(judge.better(_best_parent(fits, f, judge), f) for f in beam):
             break
@@ -184,6 +218,24 @@ def search(
         best = _polish(fits, best)
     rivals = tuple(f for f in fits.known.values() if f is not best)
     return Outcome(baseline, best, rivals, len(best.terms) > len(baseline.terms))
+
+
+def _siblings(
+    model: Model, made: Fit, room: int
+) -> list[tuple[tuple[Term, ...], dict[str, float]]]:
+    """The same effects in their other forms, with the values that these share."""
+    found = []
+    for old in made.terms:
+        for new in model.terms:
+            if new.name != old.name or new.label == old.label:
+                continue
+            terms = tuple(new if t is old else t for t in made.terms)
+            if sum(len(t.numbers) for t in terms) > room:
+                continue
+            had = {n.name: made.values[key(old, n)] for n in old.numbers}
+            values = {key(new, n): had.get(n.name, 0.0) for n in new.numbers}
+            found.append((terms, values))
+    return found
 
 
 def _best_parent(fits: _Fits, child: Fit, judge: Judge) -> Fit:
@@ -215,10 +267,7 @@ def _prune(fits: _Fits, best: Fit, judge: Judge) -> Fit:
 def _polish(fits: _Fits, best: Fit) -> Fit:
     """Fit once more from where it ended: a second start out of the same valley."""
     again = fit(fits.model, best.terms, fits.segments, best.values, best.starts, tolerance=FINE)
-    fitted = [i for i, s in enumerate(fits.segments) if not s.held_out]
-    before = sum(float(np.sum(best.residuals[i] ** 2)) for i in fitted)
-    after = sum(float(np.sum(again.residuals[i] ** 2)) for i in fitted)
-    chosen = again if after <= before else best
+    chosen = again if fits.misfit(again) <= fits.misfit(best) else best
     chosen = dataclasses.replace(chosen, label='+'.join(t.label for t in chosen.terms))
     fits.known[_labels(chosen.terms)] = chosen
     return chosen
