@@ -6,8 +6,9 @@ import pytest
 from scipy.optimize import least_squares
 
 from impactscope.proof.bench import BENCH, Pulse
+from impactscope.proof.conditions import draw_scenario
 from impactscope.proof.detectability import Freedom, samples
-from impactscope.proof.draw import alternatives, draw, draw_scenario, solve_strength
+from impactscope.proof.draw import alternatives, draw, solve_strength
 from impactscope.proof.effects import EFFECTS, effect
 from impactscope.proof.measurement import measure, noise_free
 from impactscope.proof.scenario import Blow, Chain, Scenario

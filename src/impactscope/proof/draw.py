@@ -1,20 +1,18 @@
-"""Campaigns drawn at random: conditions, what is concealed, how strongly."""
+"""Campaigns drawn at random: what is concealed in them, and how strongly."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .bench import BENCH, Pendulum, Pulse
+from .conditions import draw_scenario
 from .detectability import Freedom, norm, samples
 from .effects import EFFECTS, Effect
-from .integrator import COLUMNS, integrate
-from .measurement import HAMMER
-from .scenario import Blow, Chain, Scenario, Sensor, impactor
+from .scenario import Scenario
 
 __all__ = [
     'CATEGORIES',
@@ -23,7 +21,6 @@ __all__ = [
     'Part',
     'alternatives',
     'draw',
-    'draw_scenario',
     'solve_strength',
 ]
 
@@ -39,8 +36,6 @@ CATEGORIES: Mapping[str, float] = {
 }
 WEAKEST, STRONGEST = 0.3, 100.0  # d'
 CONFUSABLE = 2.0  # an alternative that leaves less than this d' cannot be ruled out
-LAYER = {'layer_stiffness': 38320.0, 'branch_stiffness': 18840.0, 'branch_damping': 77900.0}
-_DISTANCES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)
 
 
 @dataclass(frozen=True)
@@ -65,11 +60,6 @@ class Concealed:
     parts: tuple[Part, ...] = ()
     detectability: float = 0.0  # the least of the parts, each beside the others
     confusable: Mapping[str, float] = field(default_factory=dict)  # name: d' it leaves
-
-
-def draw_scenario(rng: np.random.Generator, kind: str = 'impact') -> Scenario:
-    """A clean campaign under random conditions; ``kind`` is 'impact' or 'driven'."""
-    return _driven(rng) if kind == 'driven' else _impact(rng)
 
 
 def draw(
@@ -288,151 +278,3 @@ def _quantisation(
     count = sum(math.ceil(b.duration * scenario.rates[name]) for b in scenario.blows)
     rise = wanted / math.sqrt(count / 2)
     return scenario.noise[name] * math.sqrt(12 * rise), wanted
-
-
-def _impact(rng: np.random.Generator) -> Scenario:
-    orientation = str(rng.choice(['vertical', 'horizontal']))
-    layered = rng.random() < 0.8
-    count = int(rng.integers(5, 11))
-    taps = int(rng.integers(1, max(2, count // 2)))
-    held = 1 if count < 7 else 2
-    rate = float(rng.choice([1000, 2000, 2560, 5000, 10000], p=[0.2, 0.3, 0.15, 0.25, 0.1]))
-    other = 5000.0 if rng.random() < 0.2 else rate  # the accelerometers' own device
-    rates = {'force': rate}
-    for name, share in (('plate', 0.95), ('impactor', 0.85), ('base', 0.8)):
-        if rng.random() < share:
-            rates[f'acceleration.{name}'] = other
-    noise = {
-        n: float(10 ** (rng.uniform(-1, -0.3) if n == 'force' else rng.uniform(-1.3, -0.5)))
-        for n in rates
-    }
-    deviation = {n: 0.003 if n == 'force' else 0.005 for n in rates}
-    chains = {n: Chain(gain=1 + rng.normal(0, deviation[n])) for n in rates}
-    stiffness = float(rng.choice([69e3, 69e3, 40e3, 110e3]))
-    mass = 1.67 * float(rng.uniform(0.85, 1.15))
-    zeta = float(rng.uniform(0.03, 0.10))
-    true = stiffness + float(rng.normal(0, 500))
-    bench = BENCH._replace(
-        mass=mass,
-        stiffness=true,
-        damping=2 * zeta * math.sqrt(true * mass),
-        gravity_load=1.0 if orientation == 'vertical' else 0.0,
-        **(
-            LAYER
-            if layered
-            else {
-                'hertz_stiffness': float(10 ** rng.uniform(7.0, 8.3)),
-                'hertz_damping': float(rng.uniform(0.5, 1.5)),
-            }
-        ),
-    )
-    pendulum = Pendulum()
-    blows: list[Blow] = []
-    for i in range(count):
-        start = float(rng.uniform(0.3, 0.6))
-        duration = start + float(rng.uniform(0.6, 1.0))
-        phase = float(rng.uniform(0, 2 * np.pi))
-        role = 'hold_out' if i >= count - held else 'fit'
-        if i < taps:
-            tapped = bench._replace(gravity_load=0.0)
-            blows.append(Blow('tap', tapped, start, duration, role, (_tap(rng),), hum_phase=phase))
-            continue
-        angle = float(rng.uniform(5, 16) if orientation == 'vertical' else rng.uniform(15, 40))
-        blow = Blow(
-            'pendulum',
-            bench,
-            start,
-            duration,
-            role,
-            distance=float(rng.choice(_DISTANCES)),
-            angle_deg=round(angle, 1),
-            angle_error_deg=float(rng.normal(0, 0.1)),
-            hum_phase=phase,
-        )
-        fields = impactor(pendulum, blow, orientation, bench)
-        blow = replace(blow, bench=bench._replace(**fields))
-        pull = fields['gravity_load'] / fields['impactor_mass']
-        blows.append(
-            replace(
-                blow,
-                duration=start + _legible(blow, noise),
-                fall=fields['speed'] / pull if pull > 0 else 0.2,
-            )
-        )
-    baseline = ['linear_sensor', 'zener_damper' if layered else 'hertz_contact']
-    baseline += ['unilateral_contact', *(['gravity_load'] if orientation == 'vertical' else [])]
-    return Scenario(
-        'impact',
-        orientation,
-        tuple(blows),
-        rates,
-        noise,
-        chains,
-        tuple(baseline),
-        layer=LAYER if layered else None,
-        sensor=Sensor(stiffness),
-        pendulum=pendulum,
-        gain_std=deviation,
-    )
-
-
-def _legible(blow: Blow, noise: Mapping[str, float]) -> float:
-    """How long a blow can be followed, s: a light impactor bounces as on a shaking table.
-
-    The recording ends where 2e-6 of the impact speed would move a sample by its noise: behind
-    that no two simulations agree, nor do a simulation and a bench.
-    """
-    t = np.arange(0, blow.duration - blow.start, 2e-4)
-    faster = blow.bench._replace(speed=blow.bench.speed * (1 + 2e-6))
-    change = np.abs(integrate(faster, t) - integrate(blow.bench, t))
-    columns = {name: COLUMNS.index(name) for name in noise if name in COLUMNS}
-    moved = np.max([change[:, c] / noise[n] for n, c in columns.items()], axis=0)
-    beyond = np.flatnonzero(moved > 1)
-    return max(float(t[beyond[0]]), 0.05) if beyond.size else blow.duration - blow.start
-
-
-def _tap(rng: np.random.Generator) -> Pulse:
-    return Pulse(
-        0.0,
-        float(rng.uniform(0.002, 0.006)),
-        float(rng.uniform(100, 500)),
-        float(rng.uniform(1.0, 2.0)),
-    )
-
-
-def _driven(rng: np.random.Generator) -> Scenario:
-    count = int(rng.integers(5, 9))
-    rate = float(rng.choice([5000, 10000]))
-    mass = float(rng.uniform(0.8, 3.0))
-    omega = 2 * math.pi * float(rng.uniform(15, 60))
-    zeta = float(rng.uniform(0.01, 0.08))
-    bench = BENCH._replace(mass=mass, stiffness=mass * omega**2, damping=2 * zeta * mass * omega)
-    noise = {'acceleration.plate': float(10 ** rng.uniform(-1.3, -0.5))}
-    noise[HAMMER] = 0.02 * mass * noise['acceleration.plate']
-    blows = []
-    for i in range(count):
-        start = float(rng.uniform(0.1, 0.3))
-        pulses = [
-            Pulse(at, float(rng.uniform(0.004, 0.010)), float(rng.uniform(60, 400)), 2.0)
-            for at in (0.0, float(rng.uniform(0.1, 0.4)))[: int(rng.integers(1, 3))]
-        ]
-        blows.append(
-            Blow(
-                'driven',
-                bench,
-                start,
-                start + float(rng.uniform(0.8, 1.2)),
-                'hold_out' if i >= count - 2 else 'fit',
-                tuple(pulses),
-                hum_phase=float(rng.uniform(0, 2 * np.pi)),
-            )
-        )
-    return Scenario(
-        'driven',
-        'vertical',
-        tuple(blows),
-        {'acceleration.plate': rate},
-        noise,
-        {'acceleration.plate': Chain()},
-        ('linear_sensor',),
-    )
