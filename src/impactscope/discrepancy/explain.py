@@ -8,7 +8,9 @@ from collections.abc import Callable, Sequence
 
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import BaselineItem, Campaign, CampaignKind
+from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.impact_explain import explain_impact
+from impactscope.discrepancy.single_thread import single_threaded
 
 __all__ = ['explain']
 
@@ -37,11 +39,10 @@ def explain(
         items = tuple(b if isinstance(b, BaselineItem) else BaselineItem(b) for b in baseline)
         campaign = dataclasses.replace(campaign, baseline=items)
     started = time.perf_counter()
-    if campaign.kind is CampaignKind.IMPACT:
-        answer = explain_impact(campaign, tell)
-    else:
-        from impactscope.discrepancy.driven import explain_driven
-
-        answer = explain_driven(campaign, tell)
+    with single_threaded():
+        if campaign.kind is CampaignKind.IMPACT:
+            answer = explain_impact(campaign, tell)
+        else:
+            answer = explain_driven(campaign, tell)
     tell(1.0, 'done')
     return dataclasses.replace(answer, duration_s=time.perf_counter() - started)

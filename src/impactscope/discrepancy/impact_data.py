@@ -236,7 +236,8 @@ def _bin(
     samples = np.asarray(channel.values[first:stop], dtype=np.float64)
     time = channel.start + (first + np.arange(samples.size)) / rate
     since = time - onset
-    clip = _clipping(samples, channel)
+    step = quantisation_step(samples[since < -2e-3])
+    clip = _clipping(samples, channel, 8 if step > 0.2 * sigma else 3)
     # two nodes reproduce two samples exactly; longer bins would blur the kinks of contacts
     shortest = max(1, round(2e-4 * rate))
     size = np.full(samples.size, max(2, shortest) if coarse else shortest)
@@ -271,7 +272,7 @@ def _bin(
         std=np.where(used, np.sqrt(np.where(used, variance, 1.0)), 1.0),
         used=used,
         noise=sigma,
-        step=quantisation_step(samples[since < -2e-3]),
+        step=step,
         clipped_at=clip,
     )
 
@@ -303,17 +304,18 @@ def _edges(size: IntArray) -> IntArray:
     return np.asarray(edges, dtype=np.int64)
 
 
-def _clipping(samples: Array, channel: ChannelSamples) -> float:
-    """Absolute value at which the channel is cut off, inf where it is not."""
-    finite = samples[np.isfinite(samples)]
-    if finite.size < 16:
+def _clipping(samples: Array, channel: ChannelSamples, length: int) -> float:
+    """Absolute value at which the channel is cut off, inf where it is not.
+
+    ``length``: samples in a row at the largest value from which that is no coincidence.
+    """
+    size = np.abs(np.nan_to_num(samples))
+    if size.size < 16:
         return math.inf
-    size = np.abs(finite)
     peak = float(np.max(size))
-    flat = size >= peak * (1 - 1e-6)
-    runs = flat[1:] & flat[:-1]
-    middle = float(np.median(size))
-    if np.count_nonzero(runs) >= 2 and peak > 5 * middle:
+    flat = (size >= peak * (1 - 1e-6)).astype(np.int64)
+    runs = np.convolve(flat, np.ones(length, dtype=np.int64), 'valid')
+    if runs.max() == length and peak > 5 * float(np.median(size)):
         return peak
     stated = min(abs(channel.range_min), abs(channel.range_max))
     if math.isfinite(stated) and peak >= stated * (1 - 1e-6):

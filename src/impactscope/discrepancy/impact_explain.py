@@ -15,6 +15,7 @@ from impactscope.discrepancy.answer import (
     FitTable,
     Mismatch,
     ParameterEstimate,
+    Region,
     Trace,
 )
 from impactscope.discrepancy.campaign import Campaign
@@ -105,6 +106,7 @@ def _answer(
     ranking = [*direct, *findings]
     detected = bool(found)
     regions = locate(strips, thresholds.false_region) if detected else ()
+    regions = (*_clipped_regions(data), *regions)
     subsystems = dict.fromkeys(f.subsystem for name in found for f in ranking if f.name == name)
     p_value = min(outcome.p_value, 0.0 if direct else 1.0)
     if unexplained and not accepted:
@@ -193,6 +195,22 @@ def _direct_findings(data: CampaignData) -> list[Finding]:
                     source=effect.source,
                 )
     return list(found.values())
+
+
+def _clipped_regions(data: CampaignData) -> list[Region]:
+    """Stretches in which a channel is cut off."""
+    regions = []
+    for blow in data.blows:
+        for name, channel in blow.channels.items():
+            if not math.isfinite(channel.clipped_at):
+                continue
+            hit = np.abs(channel.samples) >= channel.clipped_at * (1 - 1e-6)
+            times = channel.time[hit]
+            parts = np.split(times, np.flatnonzero(np.diff(times) > 5e-3) + 1)
+            regions += [
+                Region(blow.name, name, float(part[0]), float(part[-1]), 'peak') for part in parts
+            ]
+    return regions
 
 
 # --- ranking -------------------------------------------------------------------------------------

@@ -1,0 +1,86 @@
+"""The rules of evidence against their own claims."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from impactscope.discrepancy.evidence import (
+    family_p_value,
+    first_discoveries,
+    information,
+    is_white,
+    least_gain,
+    noise_std,
+    probabilities,
+    quantisation_step,
+    spread_p_value,
+)
+
+
+@given(st.integers(1, 6), st.integers(1, 200), st.floats(1e-4, 0.2))
+def test_the_least_gain_is_that_of_the_stated_chance(parameters, looks, chance):
+    gain = least_gain(parameters, looks, chance)
+    assert family_p_value(gain, parameters, looks) == pytest.approx(chance, rel=1e-6)
+
+
+def test_the_best_of_many_superfluous_candidates_is_found_as_rarely_as_stated():
+    rng = np.random.default_rng(1)
+    best = rng.chisquare(2, size=(4000, 50)).max(axis=1)
+    found = np.mean(best > least_gain(2, 50, 0.05))
+    low, high = stats.binom.interval(0.999, 4000, 0.05)
+    assert low / 4000 <= found <= high / 4000
+
+
+def test_false_discoveries_stay_at_their_rate():
+    rng = np.random.default_rng(2)
+    shares = []
+    for _ in range(300):
+        p = np.concatenate([rng.uniform(size=180), rng.uniform(0, 1e-6, size=20)])
+        found = first_discoveries(p, 0.1)
+        assert found[180:].all()
+        shares.append(found[:180].sum() / found.sum())
+    assert np.mean(shares) < 0.11
+
+
+def test_no_hypotheses_no_discoveries():
+    assert first_discoveries([], 0.05).size == 0
+    assert not first_discoveries([0.5, 0.9], 0.05).any()
+
+
+def test_probabilities_follow_the_criteria():
+    p = probabilities([10.0, 10.0 + 2 * np.log(3.0), 5000.0])
+    assert p == pytest.approx([0.75, 0.25, 0.0], abs=1e-9)
+    assert probabilities([]) == []
+
+
+def test_a_number_costs_the_logarithm_of_the_samples():
+    assert information(0.0, 3, 1000) == pytest.approx(3 * np.log(1000))
+
+
+@pytest.mark.parametrize('drift', [0.0, 50.0])
+def test_noise_is_measured_beside_drift_and_spikes(drift):
+    rng = np.random.default_rng(3)
+    samples = 0.3 * rng.standard_normal(4000) + drift * np.linspace(0, 1, 4000)
+    samples[1000:1010] += 100.0
+    assert noise_std(samples) == pytest.approx(0.3, rel=0.05)
+
+
+def test_steps_of_a_converter_are_seen_and_count_as_noise():
+    rng = np.random.default_rng(4)
+    samples = 0.5 * np.round(0.1 * rng.standard_normal(2000) / 0.5 + np.linspace(0, 4, 2000))
+    assert quantisation_step(samples) == pytest.approx(0.5)
+    assert quantisation_step(rng.standard_normal(2000)) == 0.0
+    assert noise_std(samples) >= 0.5 / np.sqrt(12)
+
+
+def test_white_and_coloured_residuals_are_told_apart():
+    rng = np.random.default_rng(5)
+    white = rng.standard_normal(2000)
+    assert is_white(white)
+    assert not is_white(np.convolve(white, np.ones(4) / 2, 'same'))
+    assert spread_p_value(white) > 1e-3
+    assert spread_p_value(1.2 * white) < 1e-6

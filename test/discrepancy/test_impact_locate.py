@@ -1,0 +1,60 @@
+"""Regions: where a misfit was put, and nowhere else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.locate import Phase, Strip, band_of, locate, phases, state_of
+
+
+def strip(residual, time, name='force'):
+    zero = np.zeros_like(time)
+    spans = (Phase('loading', -np.inf, 0.2), Phase('separated', 0.2, np.inf))
+    return Strip('hit.mcap', name, time, residual, 0.9 * zero, zero, zero, spans)
+
+
+def test_a_burst_is_found_where_it_is():
+    rng = np.random.default_rng(1)
+    time = np.arange(4000) / 1e4
+    residual = rng.standard_normal(4000)
+    inside = (time > 0.25) & (time < 0.3)
+    residual[inside] += 3 * np.sin(2 * np.pi * 200 * time[inside])
+    regions = locate([strip(residual, time), strip(rng.standard_normal(4000), time, 'b')], 0.01)
+    assert regions
+    assert {r.channel for r in regions} == {'force'}
+    assert min(r.start_s for r in regions) == pytest.approx(0.25, abs=0.026)
+    assert max(r.end_s for r in regions) == pytest.approx(0.3, abs=0.026)
+    assert {r.phase for r in regions} == {'separated'}
+    low, high = regions[0].band_hz
+    assert low < 200 < high
+
+
+def test_phases_follow_contacts():
+    found = phases(0.1, 0.11, [(0.12, False), (0.15, True), (0.16, False)], 0.4)
+    assert [p.name for p in found] == [
+        'before',
+        'onset',
+        'loading',
+        'unloading',
+        'separated',
+        'recontact',
+        'separated',
+    ]
+    assert all(a.end == b.start for a, b in zip(found, found[1:], strict=False))
+    assert found[-1].end == 0.4
+
+
+def test_a_state_is_named_where_the_residual_goes_with_it():
+    rng = np.random.default_rng(2)
+    time = np.arange(500) / 1e3
+    x, v = np.sin(200 * time), np.cos(200 * time)
+    assert 'sign' in state_of(np.sign(v) + 0.2 * rng.standard_normal(500), x, v)
+    assert state_of(rng.standard_normal(500), x, v) == ''
+
+
+def test_a_band_holds_its_line():
+    time = np.arange(2000) / 1e4
+    low, high = band_of(time, np.sin(2 * np.pi * 300 * time))
+    assert low < 300 < high
+    assert high - low < 150
