@@ -11,12 +11,13 @@ export AMENT_PREFIX_PATH := $(VENV)
 export CMAKE_PREFIX_PATH := $(VENV)
 export PATH := $(BIN):$(PATH)
 
-.PHONY: help demo test lint bench build clean check-host
+.PHONY: help demo test lint bench proof proof-short proof-clean build clean check-host
 help:
 	@echo 'make demo    live graph on a real recording and on a simulated campaign; leaves reports in out/'
 	@echo 'make test    lint, types, import contracts, tests'
 	@echo 'make lint    lint, types, import contracts alone'
 	@echo 'make bench   the measured figures, printed with the machine'
+	@echo 'make proof   the concealed examination of explain, from a fresh seed (proof-short: every day)'
 	@echo 'make build   virtual environment, messages, command line (.venv/bin/impactscope)'
 	@echo 'make clean   remove everything that was made'
 
@@ -31,6 +32,18 @@ lint: build
 
 test: lint
 	$(BIN)/python -m pytest
+
+# Concealed campaigns from a fresh seed, explained and scored: hours; resumable. JOBS=2 by default.
+JOBS ?= 2
+proof: build
+	$(BIN)/python -m impactscope.proof all --jobs $(JOBS) $(PROOF)
+
+proof-short: build
+	$(BIN)/python -m impactscope.proof all --short --jobs $(JOBS) --output out/proof_short $(PROOF)
+
+proof-clean: build
+	$(BIN)/python -m impactscope.proof all --only clean --no-classes --campaigns 300 \
+	  --jobs $(JOBS) --output out/proof_clean $(PROOF)
 
 bench: build
 	$(BIN)/python benchmarks/run.py

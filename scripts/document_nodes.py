@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -25,6 +26,12 @@ remapped. `config/bench.yaml` sets the ones that a bench is likely to change.
 
 | topic | type | reliability | history | latched |
 |---|---|---|---|---|
+"""
+CAMPAIGN = """
+version: 1
+bench: {kind: impact, orientation: vertical}
+baseline: [linear_sensor]
+recordings: [{file: tap.mcap, kind: tap}]
 """
 KINDS = {1: 'bool', 2: 'integer', 3: 'number', 4: 'text', 9: 'texts', 8: 'numbers', 7: 'integers'}
 
@@ -69,23 +76,27 @@ def document() -> str:
     """The whole page."""
     rclpy.init()
     parts = [topics()]
-    unused = tempfile.mktemp(suffix='.mcap')  # noqa: S306 - the recorder makes it itself
+    folder = Path(tempfile.mkdtemp())
+    (folder / 'campaign.yaml').write_text(CAMPAIGN, encoding='utf-8')
     try:
         for name, (module, kind) in NODES.items():
             code = importlib.import_module(f'impactscope.nodes.{module}')
-            overrides = [Parameter('autostart', value=False)] if 'driver' in name else []
-            if name == 'recorder':
-                overrides = [Parameter('path', value=unused)]
+            needed = {
+                'recorder': {'path': str(folder / 'unused.mcap')},
+                'discrepancy': {'campaign': str(folder / 'campaign.yaml')},
+            }.get(name, {'autostart': False} if 'driver' in name else {})
+            overrides = [Parameter(key, value=value) for key, value in needed.items()]
             node = getattr(code, kind)(parameter_overrides=overrides)
             said = (code.__doc__ or '').partition('Node: ')[2].strip()
             parts.append(f'\n## {name}\n\n{said[:1].upper()}{said[1:]}\n\n{parameters(node)}')
             node.destroy_node()
     finally:
         rclpy.shutdown()
-    Path(unused).unlink()
-    return ''.join(parts).replace(unused, '').replace(
-        '| False | configure', '| True | configure'
-    )
+    shutil.rmtree(folder)
+    text = ''.join(parts)
+    for made in (folder / 'unused.mcap', folder / 'campaign.yaml'):
+        text = text.replace(str(made), '')
+    return text.replace('| False | configure', '| True | configure')
 
 
 if __name__ == '__main__':

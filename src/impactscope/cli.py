@@ -513,11 +513,15 @@ def demo(
     ] = Path('out'),
 ) -> None:
     """Run the live graph on a real recording and on a simulated campaign; leave reports."""
-    from impactscope.live import run_demo
+    from impactscope.live import demo_steps
+    from impactscope.report import write_report
 
-    for title, result, report in run_demo(output, _print_blow, _print_test_point):
-        out.rule(escape(title))
+    for step in demo_steps(output):
+        out.rule(escape(step.title))
+        result = step.run(on_result=_print_blow, on_test_point=_print_test_point)
         _print_summary(result, test_points=False)
+        report = output / f'demo_{step.name}.html'
+        write_report(result, report)
         out.print(f'report: [bold]{escape(str(report))}[/bold]')
 
 

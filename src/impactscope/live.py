@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from impactscope.records import (
     TestPoint,
 )
 
-__all__ = ['replay_recording', 'run_demo', 'run_live']
+__all__ = ['DemoStep', 'demo_steps', 'replay_recording', 'run_live']
 
 START_DELAY = 0.5  # s from now: both drivers begin together
 
@@ -174,40 +175,45 @@ def run_live(
         return _result(bench, settings, source=source)
 
 
-def run_demo(
-    folder: Path,
-    on_result: Callable[[EventResult], None] = _nothing,
-    on_test_point: Callable[[ComplianceVerdict], None] = _nothing,
-) -> Iterator[tuple[str, AnalysisResult, Path]]:
-    """The live graph on a real recording and on simulated campaigns; a report of each.
+@dataclass(frozen=True)
+class DemoStep:
+    """One part of the demonstration: what it shows, how to run it, and its report's name."""
 
-    Yields title, result and path of the report.
-    """
-    from impactscope.report import write_report
+    title: str
+    name: str
+    run: Callable[..., AnalysisResult]
 
+
+def demo_steps(folder: Path) -> list[DemoStep]:
+    """The live graph on a real recording, and on simulated campaigns in real time."""
     folder.mkdir(parents=True, exist_ok=True)
-    bag = bags_folder() / 'hammer_blow_1.mcap'
-    result = replay_recording(bag, on_result=on_result, record_to=folder / 'demo_hammer.mcap')
-    report = folder / 'demo_hammer.html'
-    write_report(result, report)
-    yield 'A real instrumented hammer blow, replayed through the graph', result, report
-    for campaign, title in (
-        ('taps', 'Hammer taps on the simulated bench: the sensor is identified'),
-        ('hand_pass', 'A simulated campaign on a hand, within the limits'),
-        ('hand_fail', 'The same, too fast'),
-    ):
-        target = folder / f'demo_{campaign}.mcap'
-        result = run_live(
-            params_file=config_folder() / 'bench.yaml',
-            campaign=campaign,
-            record_to=target,
-            on_result=on_result,
-            on_test_point=on_test_point,
-        )
-        result = dataclasses.replace(result, source=target.name, sha256=file_sha256(target))
-        report = folder / f'demo_{campaign}.html'
-        write_report(result, report)
-        yield title, result, report
+
+    def hammer(**callbacks: Any) -> AnalysisResult:
+        bag = bags_folder() / 'hammer_blow_1.mcap'
+        callbacks.pop('on_test_point')
+        return replay_recording(bag, record_to=folder / 'demo_hammer.mcap', **callbacks)
+
+    def simulated(campaign: str) -> Callable[..., AnalysisResult]:
+        def run(**callbacks: Any) -> AnalysisResult:
+            target = folder / f'demo_{campaign}.mcap'
+            result = run_live(
+                params_file=config_folder() / 'bench.yaml',
+                campaign=campaign,
+                record_to=target,
+                **callbacks,
+            )
+            return dataclasses.replace(result, sha256=file_sha256(target))
+
+        return run
+
+    return [
+        DemoStep('A real instrumented hammer blow, replayed through the graph', 'hammer', hammer),
+        DemoStep('Hammer taps: the sensor is identified (simulated)', 'taps', simulated('taps')),
+        DemoStep(
+            'Blows on a hand, within the limits (simulated)', 'hand_pass', simulated('hand_pass')
+        ),
+        DemoStep('The same, too fast (simulated)', 'hand_fail', simulated('hand_fail')),
+    ]
 
 
 def _result(

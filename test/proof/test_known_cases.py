@@ -1,7 +1,5 @@
 """Exact solutions hold themselves, and both simulators hold against them."""
 
-import importlib.util
-
 import numpy as np
 import pytest
 
@@ -10,10 +8,6 @@ from impactscope.proof.__main__ import main
 from impactscope.proof.bench import Pendulum
 from impactscope.proof.bench_mujoco import FEATURES, pendulum_speed, simulate_mujoco
 from impactscope.proof.known_cases import KNOWN_CASES, agreement, simulate
-
-with_mujoco = pytest.mark.skipif(
-    importlib.util.find_spec('mujoco') is None, reason='MuJoCo is not installed'
-)
 
 
 def test_the_integrator_agrees_far_below_a_tenth_of_the_noise():
@@ -62,12 +56,10 @@ def test_exact_solutions_satisfy_newton(case):
     assert usual < 0.01 * np.abs(a).max()
 
 
-@with_mujoco
 def test_mujoco_agrees_with_a_tenth_of_the_noise():
     assert max(r.in_noise for r in agreement(simulate_mujoco, FEATURES)) < 0.1
 
 
-@with_mujoco
 @pytest.mark.parametrize('orientation', ['vertical', 'horizontal'])
 def test_mujoco_pendulum_has_the_speed_of_the_paper(orientation):
     pendulum = Pendulum()

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Any
 
 import rclpy
+from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
@@ -115,6 +116,7 @@ class Bench:
         def add(kind: Any, name: str, **parameters: Any) -> Any:
             given = {**options.stages.get(name, {}), **parameters}
             node = kind(**self._keywords(given))
+            node.get_logger().set_level(LoggingSeverity.WARN)  # results come by the collector
             self.nodes.append(node)
             return node
 

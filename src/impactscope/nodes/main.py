@@ -18,6 +18,7 @@ NODES = {
     'fitter': ('fitter', 'FitterNode'),
     'compliance': ('compliance', 'ComplianceNode'),
     'recorder': ('recorder', 'Recorder'),
+    'discrepancy': ('discrepancy', 'Discrepancy'),
     'test_points': ('test_points', 'TestPoints'),
 }
 

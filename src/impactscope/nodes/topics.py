@@ -33,4 +33,5 @@ TOPICS = {
     'sensor_parameters': Topic(msg.SensorParameters, qos.LATCHED),
     'impact_parameters': Topic(msg.ImpactParameters, qos.LATCHED),
     'verdict': Topic(msg.ComplianceVerdict, qos.LATCHED),
+    'model_mismatch': Topic(msg.ModelMismatch, qos.LATCHED),
 }
