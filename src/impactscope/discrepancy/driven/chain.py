@@ -57,6 +57,11 @@ class ChainModel:
         """A chain begins with its first sample."""
         return ()
 
+    @property
+    def drifts(self) -> bool:
+        """Nothing accumulates here."""
+        return False
+
     def predict(
         self,
         values: Mapping[str, float],

@@ -8,11 +8,13 @@ linear model of high order looks right for almost anything.)
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 from scipy.optimize import least_squares
 
 from impactscope.discrepancy.driven.model import Model, Segment
@@ -23,6 +25,7 @@ __all__ = ['FINE', 'Fit', 'channel_scales', 'fit', 'numbers_of', 'sensitivities'
 Array = NDArray[np.float64]
 
 STEP = 1e-4  # of a number's scale, for differences
+MEMORY = 0.1  # of a recording, beyond which accumulated errors are forgotten
 BLOCKS = 24  # of a recording, for the scatter of the estimates
 MOST_EVALUATIONS = 60
 ROUGH, FINE = 1e-4, 1e-8  # relative fall of the sum of squares at which a fit ends
@@ -43,6 +46,7 @@ class Fit:
     added: int  # numbers beyond the baseline's
     label: str = ''
     evaluations: int = 0
+    cost: float = 0.0  # sum of squares as the fit counts it
 
     def rms(self, segment: int) -> float:
         """Root mean square of one segment's residual, in the channel's unit."""
@@ -73,6 +77,19 @@ def _differences(function: Callable[[Array], Array], theta: Array, at_theta: Arr
         moved[j] += STEP
         jacobian[:, j] = (function(moved) - at_theta) / STEP
     return jacobian
+
+
+def _recent(model: Model, residual: Array) -> Array:
+    """A residual as a fit counts it: where errors of force accumulate, old ones are forgotten.
+
+    The position of a mass without spring walks off at random under every small error of the
+    force; plain least squares would tune friction to that walk. A first-order high-pass with a
+    memory of a tenth of the recording makes the walk nearly white (generalised least squares).
+    """
+    if not model.drifts:
+        return residual
+    keep = math.exp(-1.0 / (MEMORY * residual.size))
+    return np.asarray(signal.lfilter([1.0, -1.0], [1.0, -keep], residual), np.float64)
 
 
 def _bounded(value: float, number: Number) -> float:
@@ -137,7 +154,7 @@ def fit(
         parts = []
         for i in fitted:
             predicted = model.predict(values, terms, start_of(theta, i), segments[i])
-            parts.append(weights[i] * (segments[i].measured - predicted))
+            parts.append(weights[i] * _recent(model, segments[i].measured - predicted))
         whole = np.concatenate(parts)
         last[:] = [*last[-2:], (theta.copy(), whole)]
         return whole
@@ -173,7 +190,8 @@ def fit(
             begin = _own_beginning(model, terms, values, segment, beginning(i), weights[i])
         begins.append(begin)
         residuals.append(segment.measured - model.predict(values, terms, begin, segment))
-    spread = _scatter(slopes, np.concatenate([weights[i] * residuals[i] for i in fitted]))
+    left = np.concatenate([weights[i] * _recent(model, residuals[i]) for i in fitted])
+    spread = _scatter(slopes, left)
     std = {k: float(spread[j] * n.scale) for j, (k, n) in enumerate(shared)}
     added = sum(len(t.numbers) for t in terms)
     return Fit(terms, values, std, tuple(begins), tuple(residuals), added, evaluations=spent)

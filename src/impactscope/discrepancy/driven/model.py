@@ -62,6 +62,11 @@ class Model(Protocol):
         """Unknowns of the recording's own beginning."""
         ...
 
+    @property
+    def drifts(self) -> bool:
+        """Whether an error of the force stays in the prediction for ever."""
+        ...
+
     def predict(
         self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment
     ) -> Array:
@@ -108,19 +113,16 @@ class OscillatorModel:
     def starts(self, segment: Segment) -> tuple[Number, ...]:
         """Position and speed at the first sample of a free swing.
 
-        A driven recording may begin in the midst of motion; without a spring an error of the
-        first speed even stays in the position for ever. So the beginning is an unknown where the
-        recording is fitted, and as measured where it is only predicted.
+        A driven recording may begin in the midst of motion: then its beginning is an unknown where
+        it is fitted, and as measured where it is only predicted.
         """
         x, v = segment.state
         position = Number('position', '', (x,), 0.1 * self.position_scale)
         speed = Number('speed', '', (v,), 0.1 * self.speed_scale)
         if self.free:
             return position, speed
-        if segment.held_out or segment.derivative != 0:
+        if segment.held_out or segment.derivative != 0 or self.drifts:
             return ()
-        if self.drifts:
-            return (speed,)
         moving = abs(x) > AT_REST * self.position_scale or abs(v) > AT_REST * self.speed_scale
         return (position, speed) if moving else ()
 
@@ -148,7 +150,7 @@ class OscillatorModel:
     ) -> Array:
         x, v = segment.state
         if start.size:
-            x, v = (x, start[0]) if start.size == 1 else (start[0], start[1])
+            x, v = start[0], start[1]
         out = np.zeros((segment.measured.size, 4))
         run(self.vector(values, terms), segment.drive, segment.period, x, v, out)
         return out

@@ -46,6 +46,11 @@ class PrescribedModel:
         """Where the slider stands at the first sample."""
         return (Number('slip', self.position_unit, (0.0,), 0.05 * self.position_scale),)
 
+    @property
+    def drifts(self) -> bool:
+        """Nothing accumulates here."""
+        return False
+
     def predict(
         self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment
     ) -> Array:

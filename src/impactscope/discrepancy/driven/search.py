@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.decide import Judge
-from impactscope.discrepancy.driven.fitting import FINE, Fit, channel_scales, fit, sensitivities
+from impactscope.discrepancy.driven.fitting import FINE, Fit, fit, sensitivities
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.terms import Number, Term, key
 
@@ -136,7 +136,6 @@ class _Fits:
         self.segments = segments
         self.baseline = baseline
         self.start = start
-        self.scales = channel_scales(segments)
         self.known: dict[frozenset[str], Fit] = {_labels(baseline.terms): baseline}
 
     def make(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
@@ -151,18 +150,11 @@ class _Fits:
                 fit(self.model, terms, self.segments, t, base.starts, evaluations=BRIEF)
                 for t in tries
             ]
-            best = min(made, key=self.misfit)
+            best = min(made, key=lambda f: f.cost)
             if len(made) > 1 or best.evaluations >= BRIEF:
                 best = fit(self.model, terms, self.segments, best.values, best.starts)
             self.known[names] = best
         return self.known[names]
-
-    def misfit(self, made: Fit) -> float:
-        """Sum of squares over what was fitted, by channel's scale."""
-        pairs = zip(made.residuals, self.segments, strict=True)
-        return sum(
-            float(np.sum(r**2)) / self.scales[s.channel] ** 2 for r, s in pairs if not s.held_out
-        )
 
 
 def search(
@@ -267,7 +259,7 @@ def _prune(fits: _Fits, best: Fit, judge: Judge) -> Fit:
 def _polish(fits: _Fits, best: Fit) -> Fit:
     """Fit once more from where it ended: a second start out of the same valley."""
     again = fit(fits.model, best.terms, fits.segments, best.values, best.starts, tolerance=FINE)
-    chosen = again if fits.misfit(again) <= fits.misfit(best) else best
+    chosen = again if again.cost <= best.cost else best
     chosen = dataclasses.replace(chosen, label='+'.join(t.label for t in chosen.terms))
     fits.known[_labels(chosen.terms)] = chosen
     return chosen
