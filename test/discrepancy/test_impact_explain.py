@@ -20,7 +20,9 @@ def parameter(answer: Answer, name: str) -> tuple[float, float]:
     return item.value, item.std
 
 
-@pytest.mark.parametrize('orientation', ['vertical', 'horizontal'])
+@pytest.mark.parametrize(
+    'orientation', ['vertical', pytest.param('horizontal', marks=pytest.mark.slow)]
+)
 def test_nothing_is_found_where_nothing_is_missing(make_campaign, orientation):
     answer = explain(make_campaign(11, orientation=orientation))
     assert answer.accepted == ()
@@ -43,6 +45,7 @@ def test_a_little_dry_friction_is_named_and_measured(make_campaign):
     assert answer.fit.extended.held_out_rmse['force'] < answer.fit.baseline.held_out_rmse['force']
 
 
+@pytest.mark.slow
 def test_a_filter_in_one_channel_is_named_with_its_channel(make_campaign):
     effect = Effect('low_pass_filter', {'cutoff': 300.0, 'order': 2, 'zero_phase': 0}, 'force')
     answer = explain(make_campaign(4, [effect]))
@@ -51,6 +54,7 @@ def test_a_filter_in_one_channel_is_named_with_its_channel(make_campaign):
     assert parameter(answer, 'cutoff')[0] == pytest.approx(300.0, rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_wrong_mass_is_a_parameter_and_no_physics(make_campaign):
     answer = explain(make_campaign(5, pendulum=Pendulum(moving_mass=1.06)))
     assert answer.accepted == ('wrong_parameter',)
@@ -59,6 +63,7 @@ def test_a_wrong_mass_is_a_parameter_and_no_physics(make_campaign):
     assert parameter(answer, 'ratio')[0] == pytest.approx(1.06, rel=0.005)
 
 
+@pytest.mark.slow
 def test_a_wrong_label_is_told_with_its_recording(make_campaign):
     answer = explain(make_campaign(6, angle_errors={0: 1.5}))
     assert answer.accepted == ('wrong_parameter',)
@@ -66,6 +71,7 @@ def test_a_wrong_label_is_told_with_its_recording(make_campaign):
     assert answer.ranking[0].parameters['name'].value == 'release_angle_deg'
 
 
+@pytest.mark.slow
 def test_the_same_campaign_gives_the_same_answer(make_campaign):
     campaign = make_campaign(7, [Effect('quadratic_damping', {'coefficient': 30.0})])
     first, second = (explain(campaign).to_json() for _ in range(2))
@@ -75,6 +81,7 @@ def test_the_same_campaign_gives_the_same_answer(make_campaign):
     assert first['accepted'] == ['quadratic_damping']
 
 
+@pytest.mark.slow
 def test_the_extended_model_as_baseline_leaves_nothing(make_campaign):
     campaign = make_campaign(8, [Effect('coulomb_friction', {'force': 1.0})])
     again = explain(campaign, baseline=[*campaign.baseline_names, 'coulomb_friction'])
@@ -97,6 +104,7 @@ def test_recordings_without_a_blow_are_refused(make_campaign):
         explain(dataclasses.replace(campaign, recordings=silent))
 
 
+@pytest.mark.slow
 def test_progress_rises_to_the_end(make_campaign):
     seen: list[float] = []
     explain(make_campaign(11), progress=lambda share, _: seen.append(share))

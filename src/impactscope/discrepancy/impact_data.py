@@ -116,7 +116,7 @@ def prepare(campaign: Campaign) -> CampaignData:
             notes.append(f'{recording.file}: none of its channels can be used; it is left out.')
             continue
         onset = _onset([recording.channels[c] for c in known if c != 'acceleration.impactor'])
-        if onset is None and 'acceleration.impactor' in known:
+        if known == ['acceleration.impactor']:
             onset = _onset([recording.channels['acceleration.impactor']])
         if onset is None:
             notes.append(f'{recording.file}: no blow can be found; it is left out.')

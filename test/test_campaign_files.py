@@ -1,0 +1,85 @@
+"""Campaigns on disk."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+
+from impactscope.campaign_files import load_campaign, read_channels, save_model
+from impactscope.discrepancy.answer import Answer, Mismatch
+from impactscope.errors import ConfigurationError, RecordingError
+from impactscope.recordings import RecordingWriter
+from impactscope.records import SampleBlock
+
+START = 1_700_000_000_000_000_000
+TEXT = """
+version: 1
+bench: {kind: chain, input: force, output: acceleration.plate}
+baseline: []
+recordings: [{file: one.mcap}]
+"""
+
+
+def block(channel, rate, first, values, offset_ns=0):
+    stamp = START + offset_ns + round(first / rate * 1e9)
+    return SampleBlock(channel, 'N', rate, stamp, first, np.asarray(values, np.float32))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    with RecordingWriter(tmp_path / 'one.mcap') as writer:
+        for item in (
+            block('force', 100.0, 0, [1, 2, 3]),
+            block('acceleration.plate', 50.0, 0, [7, 8], offset_ns=5_000_000),
+            block('force', 100.0, 5, [6, 7]),
+        ):
+            writer.write_block(item)
+    (tmp_path / 'campaign.yaml').write_text(TEXT, encoding='utf-8')
+    return tmp_path
+
+
+def test_channels_are_joined_and_losses_stay_open(folder):
+    channels = read_channels(folder / 'one.mcap')
+    assert set(channels) == {'force', 'acceleration.plate'}
+    np.testing.assert_array_equal(channels['force'].values, [1, 2, 3, np.nan, np.nan, 6, 7])
+    assert channels['force'].start == 0.0
+    assert channels['acceleration.plate'].start == pytest.approx(0.005)
+    assert channels['acceleration.plate'].sample_rate == 50.0
+
+
+def test_a_folder_is_loaded_with_its_samples(folder):
+    campaign = load_campaign(folder)
+    assert campaign.name == folder.name
+    assert campaign.recordings[0].channels['force'].values.size == 7
+    assert load_campaign(folder, samples=False).recordings[0].channels == {}
+
+
+def test_a_recording_elsewhere_is_refused(folder):
+    text = TEXT.replace('one.mcap', '../one.mcap')
+    (folder / 'campaign.yaml').write_text(text, encoding='utf-8')
+    with pytest.raises(ConfigurationError, match='outside'):
+        load_campaign(folder)
+
+
+def test_missing_files_are_named(folder, tmp_path):
+    (folder / 'one.mcap').unlink()
+    with pytest.raises(RecordingError, match=r'one\.mcap'):
+        load_campaign(folder)
+    with pytest.raises(ConfigurationError, match=r'campaign\.yaml'):
+        load_campaign(tmp_path / 'none')
+
+
+def test_broken_yaml_is_refused(folder):
+    (folder / 'campaign.yaml').write_text('a: [', encoding='utf-8')
+    with pytest.raises(ConfigurationError, match='not YAML'):
+        load_campaign(folder)
+
+
+def test_the_extended_model_is_saved_as_a_baseline(folder):
+    model = {'baseline': ['linear_sensor', {'name': 'offset', 'values': {'value': 0.1}}]}
+    answer = Answer('bench', 'chain', Mismatch(True, 0.0), model=model)
+    save_model(folder, answer, folder / 'next.yaml')
+    saved = yaml.safe_load((folder / 'next.yaml').read_text(encoding='utf-8'))
+    assert saved['baseline'] == model['baseline']
+    assert saved['recordings'] == [{'file': 'one.mcap'}]
