@@ -8,6 +8,7 @@ end; 4 INVALID; 5 INCOMPLETE.
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import math
 import sys
@@ -694,6 +695,8 @@ def _conclude(
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)  # who reads a pipe sees each blow at once
     try:
         code = app(arguments, standalone_mode=False)
     except typer.Exit as stop:

@@ -8,6 +8,7 @@ the node is deactivated.
 from __future__ import annotations
 
 import threading
+import time
 from typing import Any
 
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -87,6 +88,8 @@ class Driver(LifecycleNode):
         self._epoch = -1
         self._trouble = ''
         self._recoveries = 0
+        self._last_delivery = time.monotonic()
+        self._delivering = False
         self.ended = threading.Event()  # the source has no more
         self._diagnostics = Diagnostics(self, self._report)
         if self._autostart:
@@ -131,31 +134,29 @@ class Driver(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop acquiring."""
-        self._halt()
+        self.halt()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let go of the source."""
-        self._halt()
+        self.halt()
         self._source = None
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop for good."""
-        self._halt()
+        self.halt()
         return super().on_shutdown(state)
-
-    def finish(self) -> None:
-        """Stop acquiring; what was read has been published."""
-        self._halt()
 
     def destroy_node(self) -> None:
         """Stop acquiring and go."""
-        self._halt()
+        self.halt()
         super().destroy_node()
 
-    def _halt(self) -> None:
+    def halt(self) -> None:
+        """Stop acquiring; what was read has been published."""
         self._stop.set()
+        self._delivering = False
         if self._thread is not None:
             self._thread.join()
             self._thread = None
@@ -165,6 +166,8 @@ class Driver(LifecycleNode):
         if source is None:
             return
         self._await_subscribers()
+        self._last_delivery = time.monotonic()
+        self._delivering = True
         while not self._stop.is_set():
             self._epoch += 1
             try:
@@ -190,6 +193,8 @@ class Driver(LifecycleNode):
 
     def _publish(self, blocks: list[Any]) -> None:
         source: Any = self._source
+        if blocks:
+            self._last_delivery = time.monotonic()
         for block in blocks:
             self._publisher.publish(to_message(self._monitor.check(block)))
             if self._clock_publisher is not None:
@@ -239,6 +244,9 @@ class Driver(LifecycleNode):
         }
         if self._trouble:
             return ERROR, self._trouble, values
+        silent = time.monotonic() - self._last_delivery
+        if self._delivering and not self.ended.is_set() and silent > 1.0 + self._stall_time:
+            return WARN, f'no data for {silent:.1f} s', values
         if counts.stalls or counts.lost_samples or counts.clock_jumps or counts.not_finite_blocks:
             return WARN, 'delivered with faults; see the counts', values
         return OK, 'acquiring' if self._thread is not None else 'not active', values

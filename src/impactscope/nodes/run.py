@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Protocol
@@ -19,6 +20,9 @@ from rclpy.task import Future
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['Finishing', 'Spinner', 'run']
+
+
+DRAIN = 10.0  # s
 
 
 class Finishing(Protocol):
@@ -79,6 +83,11 @@ class Spinner:
             return
         self._stop.set_result(None)
         self._thread.join()
+        for node in self._nodes:  # whoever acquires stops first: else there is no end
+            halt = getattr(node, 'halt', None)
+            if halt is not None:
+                halt()
+        self._drain()
         for node in self._nodes:
             finish = getattr(node, 'finish', None)
             if finish is not None and rclpy.ok():
@@ -86,12 +95,13 @@ class Spinner:
             self._drain()
 
     def _drain(self) -> None:
-        """Run callbacks that are due, until none has come for a moment."""
+        """Run callbacks that are due, until none has come for a moment; ``DRAIN`` s at most."""
         if not rclpy.ok():
             return
         wake = Future()
         idle = 0
-        while idle < 3:
+        deadline = time.monotonic() + DRAIN
+        while idle < 3 and time.monotonic() < deadline:
             before = _count_callbacks(self._nodes)
             self._executor.spin_until_future_complete(wake, timeout_sec=0.02)
             idle = idle + 1 if _count_callbacks(self._nodes) == before else 0

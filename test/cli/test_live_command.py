@@ -1,0 +1,36 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from impactscope.recordings import open_recording
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+
+def test_interrupted_it_flushes_and_judges_what_there_was(tmp_path):
+    target, report = tmp_path / 'live.mcap', tmp_path / 'live.html'
+    command = [sys.executable, '-m', 'impactscope.cli', 'live', '--simulated', 'hand_pass']
+    command += ['--record-to', str(target), '--report', str(report)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ
+    ) as process:
+        deadline = time.monotonic() + 90
+        while time.monotonic() < deadline:
+            line = process.stdout.readline()
+            if line.startswith('blow 1'):
+                break
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert 'Traceback' not in err
+    assert process.returncode in {0, 5}, err
+    assert 'live.mcap: 1 blow' in out
+    assert 'PASS' in report.read_text(encoding='utf-8')
+    with open_recording(target) as recording:
+        assert recording.info.damage == ()
+        counts = {topic.name: topic.count for topic in recording.info.topics}
+    assert counts['/bench/events'] == 1
+    assert counts['/bench/verdict'] >= 2  # the blow, and the test point closed by the end
