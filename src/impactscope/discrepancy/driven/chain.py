@@ -89,7 +89,7 @@ class ChainModel:
         corner = values.get('ac_coupling.corner', 0.0)
         if 0.0 < corner < 0.5 * rate:
             b, a = signal.butter(1, corner, btype='high', fs=rate)
-            y = signal.lfilter(b, a, y, zi=signal.lfilter_zi(b, a) * y[0])[0]
+            y = signal.lfilter(b, a, y, zi=[-b[0] * y[0]])[0]  # at rest before the first sample
         y = y + values.get('offset.value', 0.0)
         time = segment.period * np.arange(y.size)
         drift = values.get('zero_drift.rate', 0.0)

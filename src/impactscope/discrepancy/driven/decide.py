@@ -30,6 +30,7 @@ __all__ = ['WORTH', 'Gain', 'Judge', 'counting_samples', 'noise_share']
 Array = NDArray[np.float64]
 
 WORTH = 120.0  # independent samples that an error of the model is worth at most
+SCATTER = 3.5  # standard errors from which an estimated autocorrelation counts
 FINEST = 1e-7  # of the channel's spread: what single precision leaves
 
 
@@ -45,8 +46,10 @@ def counting_samples(residual: Array) -> float:
     if rho[0] <= 0.0:
         return float(n)
     rho = rho / rho[0]
-    # Beyond its noise an estimated autocorrelation says nothing; its square would add up.
-    total = 1.0 + 2.0 * float(np.sum(np.maximum(rho[1:] ** 2 - 4.0 / n, 0.0)))
+    # The scatter of an estimated autocorrelation, total / n, says nothing but would add up.
+    squares, total = rho[1:] ** 2, 1.0
+    for _ in range(3):
+        total = 1.0 + 2.0 * float(np.sum(squares[squares > SCATTER**2 * total / n]))
     return max(n / total, 1.0)
 
 

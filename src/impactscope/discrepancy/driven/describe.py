@@ -154,12 +154,14 @@ def _findings(s: Subject, new: Sequence[Term]) -> list[Finding]:
 def _confused(
     s: Subject, name: str, best: set[str], fits: Sequence[Fit], weight: Sequence[float]
 ) -> tuple[str, ...]:
-    """Effects that stand in for one in models that are not excluded."""
+    """Effects that stand in for one in models that are not excluded and need no more numbers."""
     top = weight[0]
     found: list[str] = []
     for made, p in zip(fits, weight, strict=True):
         names = {t.name for t in made.terms}
-        if name in names or p < s.judge.thresholds.confusable * top:
+        if made.added > s.outcome.best.added or name in names:
+            continue
+        if p < s.judge.thresholds.confusable * top:
             continue
         found += [t.name for t in made.terms if t.name not in best]
     return tuple(dict.fromkeys(found))
@@ -233,7 +235,7 @@ def _modal_finding(s: Subject) -> Finding:
         parameters,
         sentence=(
             f'The structure is linear and has more modes than the simulation: {count} are seen. '
-            'Nothing else is missing.'
+            'No nonlinear effect on one mode explains as much.'
         ),
         equation='sum over modes of (b0 + b1 s) / (s^2 + 2 zeta w s + w^2)',
         source='Ewins, Modal Testing (2000), ch. 2',

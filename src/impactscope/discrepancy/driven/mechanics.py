@@ -200,7 +200,13 @@ def _spring_terms(s: Sizes) -> list[Term]:
             'k_s (|x| - d) beyond d',
             'Shaw and Holmes, J. Sound Vib. 90 (1983)',
             'drive until the top of the motion flattens',
-            Number('travel', x, (0.7 * s.position, 0.4 * s.position), 0.1 * s.position, 0.0),
+            Number(
+                'travel',
+                x,
+                (0.7 * s.position, 0.5 * s.position),
+                0.1 * s.position,
+                0.3 * s.position,  # nearer to the middle it would be play
+            ),
             Number('stiffness', f'{f}/{x}', (s.stiffness,), s.stiffness, 0.0),
         ),
         _term(
