@@ -61,9 +61,7 @@ def make_recording(
     return blocks
 
 
-def run_graph(
-    path: Path, rate: float, block_duration: float
-) -> tuple[float, float, list[float], int, int]:
+def run_graph(path: Path, rate: float) -> tuple[float, float, list[float], int, int]:
     """Wall time, processor time, delays to the verdict (s), blocks taken, samples lost."""
     with open_recording(path) as recording:
         first = next(iter(recorded_items(recording)))
@@ -126,7 +124,8 @@ out = node.create_publisher(WrenchStamped, 'ft/wrench', qos.WRENCH_IN)
 messages = []
 for index in range(count):
     message = WrenchStamped()
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(10**18 + index / rate * 1e9), 10**9)
+    stamp = message.header.stamp
+    stamp.sec, stamp.nanosec = divmod(round(10**18 + index / rate * 1e9), 10**9)
     message.wrench.force.z = float(index)
     messages.append(serialize_message(message))
 while not out.get_subscription_count():
@@ -189,7 +188,7 @@ def main(argv: list[str] | None = None) -> int:
         for block_duration in (0.02, 0.01):
             path = Path(folder) / f'{block_duration}.mcap'
             sent = make_recording(path, duration, block_duration)
-            wall, used, delays, taken, lost = run_graph(path, 1.0, block_duration)
+            wall, used, delays, taken, lost = run_graph(path, 1.0)
             bound = 1.25 * block_duration + 0.002
             p50, p99, worst = np.percentile(delays, [50, 99, 100]) * 1e3
             print(
@@ -199,7 +198,7 @@ def main(argv: list[str] | None = None) -> int:
                 f'(1.25 blocks + 2 ms = {bound * 1e3:.1f} ms); '
                 f'processor {100 * used / wall:.0f} % of one core'
             )
-            wall, used, delays, taken, lost = run_graph(path, 0.0, block_duration)
+            wall, used, delays, taken, lost = run_graph(path, 0.0)
             print(
                 f'as fast as it goes, {block_duration * 1e3:g} ms blocks: '
                 f'{taken} of {sent} blocks, {lost} samples lost, '

@@ -54,7 +54,7 @@ def parameters(node: Any) -> str:
     rows = ['| parameter | type | default | meaning |', '|---|---|---|---|']
     names = sorted(
         name
-        for name in node._parameters  # noqa: SLF001 - rclpy lists them nowhere else
+        for name in node._parameters
         if not name.startswith(('qos_overrides', 'use_sim_time', 'start_type'))
     )
     for name in names:

@@ -13,7 +13,7 @@ import inspect
 import re
 import threading
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
@@ -87,7 +87,7 @@ def declare_settings(node: Node, kind: type[T], *, prefix: str = '', **defaults:
 
     ``defaults`` are for fields that have none of their own.
     """
-    comments = field_comments(kind)
+    comments = field_comments(cast('Any', kind))
     values: dict[str, Any] = {}
     for item in dataclasses.fields(kind):  # type: ignore[arg-type]
         default = defaults.get(item.name, item.default)

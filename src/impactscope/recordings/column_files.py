@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import scipy.io  # type: ignore[import-untyped]
+import scipy.io
 from numpy.typing import NDArray
 
 from impactscope.errors import ImpactscopeError, MissingChannelError, RecordingError
