@@ -242,12 +242,15 @@ def test_delay_and_saturation_of_a_chain():
 
 def test_channels_that_are_not_there_and_baselines_that_are_not_known():
     bench = {'kind': 'driven', 'input': 'force.shaker', 'outputs': ['displacement.mass']}
-    position = {'displacement.mass': ('m', np.zeros(100))}
+    position = {'displacement.mass': ('m', np.sin(np.arange(100.0)))}
     with pytest.raises(MissingChannelError, match=r'force\.shaker'):
         explain_driven(campaign(bench, ['linear_sensor'], [('fit', position)]))
     both = {**position, 'force.shaker': ('N', np.ones(100))}
     with pytest.raises(ConfigurationError, match='phlogiston'):
         explain_driven(campaign(bench, ['phlogiston'], [('fit', both)]))
+    still = {**both, 'displacement.mass': ('m', np.zeros(100))}
+    with pytest.raises(InputError, match='zero throughout'):
+        explain_driven(campaign(bench, ['linear_sensor'], [('fit', still)]))
     short = {name: (unit, values[:20]) for name, (unit, values) in both.items()}
     with pytest.raises(InputError, match='20 samples'):
         explain_driven(campaign(bench, ['linear_sensor'], [('fit', short)]))

@@ -155,6 +155,10 @@ def cuts(campaign: Campaign, outputs: list[str], drive: str, notes: list[str]) -
         if missing is not None:
             raise missing
         raise InputError(f'{campaign.name}: no recording can be fitted; {"; ".join(notes)}')
+    for cut in found:
+        for name, samples in ((cut.channel, cut.output), (cut.drive_channel, cut.drive)):
+            if not cut.held_out and samples is not None and not np.any(samples):
+                raise InputError(f'{cut.recording}: {name} is zero throughout: it tells nothing')
     return _shortened(found, notes)
 
 
