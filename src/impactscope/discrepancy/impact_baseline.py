@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum
 
 Array = NDArray[np.float64]
 
-__all__ = ['STRUCTURE', 'baseline_model', 'fit_baseline', 'implied_shares']
+__all__ = ['STRUCTURE', 'baseline_model', 'fit_baseline', 'implied_shares', 'place']
 
 STRUCTURE = ('linear_sensor', 'zener_damper', 'hertz_contact')
 """What a baseline is built on, beside mechanisms."""
@@ -83,7 +83,7 @@ def fit_baseline(model: ImpactModel) -> Fit:
             starts.append(x)
     tried: list[tuple[float, Fit]] = []
     for x in starts:
-        placed = _place(model, x)
+        placed = place(model, x, blows)
         for window in (0.012, 0.03):
             short = fit(model, model.layout(blows, window), placed, iterations=8, settled=1.0)
             placed = short.x
@@ -306,9 +306,9 @@ def _pendulum(values: Mapping[str, float], i: int) -> Pendulum:
     return Pendulum(**numbers, mass_distance=distance)
 
 
-def _place(model: ImpactModel, x: Array) -> Array:
-    """``x`` with each blow's moment where a short simulation fits best."""
-    layout = model.layout(model.data.fitted, 0.012)
+def place(model: ImpactModel, x: Array, chosen: Sequence[int]) -> Array:
+    """``x`` with the moment of each chosen blow where a short simulation fits best."""
+    layout = model.layout(chosen, 0.012)
     best = np.full(len(model.data.blows), math.inf)
     placed = x.copy()
     for shift in _TIME_SHIFTS:

@@ -23,11 +23,12 @@ from impactscope.discrepancy.evidence import (
     information,
     least_gain,
 )
+from impactscope.discrepancy.impact_baseline import place
 from impactscope.discrepancy.impact_candidates import Candidate, candidates
 from impactscope.discrepancy.impact_fit import Fit, at_point, fit, grow, jacobian, projector
 from impactscope.discrepancy.impact_model import ImpactModel, Layout
 from impactscope.errors import ImpactscopeError
-from impactscope.physics.mechanisms.registry import mechanism
+from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
 __all__ = ['Found', 'Outcome', 'Search', 'held_out_fit']
 
@@ -38,7 +39,8 @@ WINDOWS = (0.04, 0.1, 0.25, math.inf)
 
 _MOST = 3  # findings
 _JOINT = 6  # candidates that are fitted jointly in a step
-_BEAM = 3  # first steps that are followed when none explains the recordings
+_AHEAD = 3  # candidates that are fitted jointly where only the way is sought
+_BEAM = 2  # first steps that are followed when none explains the recordings
 _QUIET = 1.15  # reduced chi-square below which a short window holds nothing to look for
 _JUMP = 8.0  # reduced chi-square from which a shorter window is looked at first
 _LOST = 2.0  # reduced chi-square above which a longer window tells nothing more
@@ -93,7 +95,8 @@ def held_out_fit(found: Fit, blows: Sequence[int], window: float = math.inf) -> 
     shared = {f.key: values[f.key] for f in found.model.free if f.blow not in blows}
     model = found.model.extended(constants=shared)
     model.free = own
-    return grow(model, blows, windows=(0.012, 0.03, 0.1, window))
+    steps = [w for w in (0.012, 0.025, 0.05, 0.1, 0.2) if w < window]
+    return grow(model, blows, place(model, model.start(), blows), windows=(*steps, window))
 
 
 def _silent(share: float, text: str) -> None:
@@ -136,7 +139,10 @@ class Search:
             sound = current if current.reduced < _QUIET else None
         outcome.final = current
         self._backward(outcome)
-        outcome.baseline = self._with(outcome, [], outcome.final.layout)
+        if outcome.final.model is not baseline.model:
+            outcome.baseline = fit(baseline.model, outcome.final.layout, baseline.x, iterations=8)
+        else:
+            outcome.baseline = outcome.final
         return outcome
 
     def _share(self, window: float) -> float:
@@ -211,12 +217,14 @@ class Search:
         """Of the best first steps, the one from which the next step leads furthest."""
         reached = []
         for first in good[:_BEAM]:
-            found, _ = self.step(first.fit)
+            found, _ = self.step(first.fit, most=_AHEAD)
             best = min((f.fit.chi_square for f in found), default=first.fit.chi_square)
             reached.append((best, first))
         return min(reached, key=lambda item: item[0])[1]
 
-    def step(self, current: Fit, sound: Fit | None = None) -> tuple[list[Found], int]:
+    def step(
+        self, current: Fit, sound: Fit | None = None, most: int = 0
+    ) -> tuple[list[Found], int]:
         """Candidates fitted jointly, the best first, and the number of candidates.
 
         ``sound``: a fit of the same model to a shorter window that had nothing amiss; where the
@@ -227,7 +235,7 @@ class Search:
         if sound is not None and sound.model is current.model and current.reduced > _LOST:
             place = at_point(current.model, current.layout, sound.x)
         trials = self.order(place, listed)
-        found = self.judge(current, trials, len(listed))
+        found = self.judge(current, trials, len(listed), most or _JOINT)
         return self._settle(current, found, len(listed)), len(listed)
 
     def _settle(self, current: Fit, found: list[Found], looks: int) -> list[Found]:
@@ -257,7 +265,9 @@ class Search:
         top.sort(key=lambda t: t.gain, reverse=True)
         return top
 
-    def judge(self, current: Fit, trials: Sequence[Trial], looks: int) -> list[Found]:
+    def judge(
+        self, current: Fit, trials: Sequence[Trial], looks: int, most: int = 0
+    ) -> list[Found]:
         """The most promising trials fitted jointly; the best by its criterion first."""
         found: list[Found] = []
         seen: dict[str, int] = {}
@@ -275,7 +285,7 @@ class Search:
                 continue
             related = candidate.name in kin
             weak = not strong and trial.gain < top - max(20.0, 0.4 * top)
-            if (weak or len(found) >= _JOINT) and not related:
+            if (weak or len(found) >= (most or _JOINT)) and not related:
                 continue
             seen[kind] = seen.get(kind, 0) + 1
             try:
@@ -283,7 +293,7 @@ class Search:
             except ImpactscopeError:
                 continue
             found.append(weigh(candidate, joint, current, looks))
-            if len(found) == 1 and candidate.effects:
+            if len(found) == 1 and candidate.name in all_mechanisms():
                 kin = set(mechanism(candidate.name).kin)
         found.sort(key=lambda f: f.criterion)
         return found
