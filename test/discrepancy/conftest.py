@@ -18,6 +18,7 @@ from impactscope.physics.twin.bench import (
     Bench,
     Blow,
     HammerTap,
+    MeasuredForce,
     PendulumBlow,
     Sensor,
 )
@@ -67,18 +68,20 @@ def _measured(
     effects: Sequence[Effect],
     gains: Mapping[str, float],
     rng: np.random.Generator,
-    rate: float,
+    rates: float | Mapping[str, float],
     duration: float,
 ) -> dict[str, ChannelSamples]:
-    there = set() if isinstance(blow, HammerTap) else {'impactor'}
+    tapped = isinstance(blow, HammerTap | MeasuredForce)
+    there = set() if tapped else {'impactor'}
     there |= {'damper'} if bench.damper is not None else {'bare'}
     acting = {e.name: e for e in implied_effects(bench, blow)}
     acting |= {e.name + e.channel: e for e in effects if e.mechanism.needs <= there}
     contact_time = float(rng.uniform(0.08, 0.1))
     channels = {}
     for name, noise in NOISE.items():
-        if name == 'acceleration.impactor' and isinstance(blow, HammerTap):
+        if name == 'acceleration.impactor' and tapped:
             continue
+        rate = rates if isinstance(rates, float) else rates[name]
         own = tuple(e for e in acting.values() if e.channel == name)
         chain = ChannelChain(name, rate, noise, gain=gains[name], effects=own)
         times = device_times(chain, round(duration * rate))
@@ -106,15 +109,16 @@ def make_campaign() -> Callable[..., Campaign]:
         pendulum: Pendulum | None = None,
         baseline: Sequence[str] | None = None,
         angle_errors: Mapping[int, float] | None = None,
-        rate: float = 2500.0,
+        rate: float | Mapping[str, float] = 2500.0,
         duration: float = 0.35,
+        tap: HammerTap | MeasuredForce | None = None,
     ) -> Campaign:
         rng = np.random.default_rng(seed)
         gains = {c: 1 + float(rng.standard_normal()) * GAIN_STD[c.split('.')[0]] for c in NOISE}
         where = Orientation(orientation)
         weight = 'gravity_load' if where is Orientation.VERTICAL else 'restoring_force'
         recordings: list[dict[str, Any]] = [{'file': 'tap0.mcap', 'kind': 'tap'}]
-        blows: list[Blow] = [HammerTap(150.0, 0.0045)]
+        blows: list[Blow] = [tap or HammerTap(150.0, 0.0045)]
         plan = ((0.10, 12.0), (0.20, 9.0), (0.15, 10.0))
         for n, (distance, angle) in enumerate(plan):
             error = 0.1 * float(rng.standard_normal()) + (angle_errors or {}).get(n, 0.0)
@@ -131,7 +135,7 @@ def make_campaign() -> Callable[..., Campaign]:
             )
         samples = {}
         for recording, blow in zip(recordings, blows, strict=True):
-            layer = None if isinstance(blow, HammerTap) else PAPER_LAYER
+            layer = None if isinstance(blow, HammerTap | MeasuredForce) else PAPER_LAYER
             bench = Bench(Sensor(), damper=layer, orientation=where)
             samples[recording['file']] = _measured(
                 bench, blow, effects, gains, rng, rate, duration

@@ -193,7 +193,7 @@ def _blow(
     if recording.kind == 'tap':
         peak, duration = _tap_start(blow)
         free.append(Free(f'tap_peak@{i}', peak, 0.02, 1e-3, 1e6, logarithmic=True, blow=i))
-        free.append(Free(f'tap_duration@{i}', duration, 0.02, 5e-5, 0.1, logarithmic=True, blow=i))
+        constants[f'tap_duration@{i}'] = duration
         return
     if recording.kind == 'pendulum' and geometry:
         angle, std = recording.release_angle_deg, campaign.release_angle_std_deg
@@ -221,17 +221,20 @@ def _blow(
 
 
 def _tap_start(blow: BlowData) -> tuple[float, float]:
-    """Peak, N, and duration, s, from which the search for a tap's half sine sets out."""
-    duration = 0.004
+    """Peak, N, to start from and duration, s, of the half sine that stands for a tap.
+
+    Moment and peak are enough to reach any state in which a hammer leaves a bench at rest; the
+    duration only has to be such that the half sine is over when samples begin to count.
+    """
+    duration = 0.5 * (blow.settled - blow.onset)
     plate = blow.channels.get('acceleration.plate')
     if plate is not None:
-        near = plate.used & (plate.centres > blow.onset - 2e-3)
-        near &= plate.centres < blow.onset + 0.02
+        near = (plate.centres > blow.onset - 2e-3) & (plate.centres < blow.settled)
         values, times = np.abs(plate.means[near]), plate.centres[near]
         if values.size > 3:
             top = int(np.argmax(values))
             wide = times[values > 0.5 * values[top]]
-            duration = float(np.clip(1.5 * (wide[-1] - wide[0]), 5e-4, 0.012))
+            duration = float(np.clip(1.5 * (wide[-1] - wide[0]), 5e-4, 1.2 * duration))
             return float(max(values[top] * 1.6, 1.0)), duration
     force = blow.channels.get('force')
     top_force = float(np.max(np.abs(force.means))) if force is not None else 50.0

@@ -3,16 +3,22 @@
 Before the blow, and where a channel is sampled faster than anything on the bench moves, samples
 are averaged over bins, and the simulation over the same span by two nodes, which is exact for two
 samples and for cubics. Around the first contact every sample counts on its own.
+
+Nobody knows the force of a tap, in size or in shape. So a tap is judged by what the bench does of
+its own once the hammer has gone: samples during the tap do not count, and the simulated tap only
+stands for the state in which the real one left the bench.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import integrate
 
 from impactscope.discrepancy.campaign import Campaign, CampaignRecording, ChannelSamples, Role
 from impactscope.discrepancy.evidence import noise_std, quantisation_step
@@ -29,6 +35,10 @@ CHANNELS = ('force', 'acceleration.plate', 'acceleration.impactor', 'acceleratio
 LEAD = 0.25  # s before the onset that are used at most
 LENGTH = 0.45  # s after the onset that are used at most
 CAUGHT = 0.09  # s after which a pendulum on the horizontal bench may have been caught
+TAP_LEAD = 5e-3  # s before the onset of a tap that may show its beginning
+_SHORTEST_TAP = 4e-3  # s, counted out at least
+_PRESUMED_TAP = 0.015  # s, counted out where the end cannot be seen
+_LONGEST_TAP = 0.035  # s after its onset in which the end of a tap is looked for
 _FINE_UNTIL = 0.025  # s after the onset in which every sample counts
 _FLOOR = 0.05  # of the noise, of a sample: what two sound simulations may differ by
 _RELATIVE_FLOOR = 2e-4  # of the value
@@ -61,7 +71,8 @@ class BlowData:
     """One blow: its recording, its onset and its channels.
 
     ``times``: rising, all moments at which the simulation is needed; ``where[channel]`` says
-    which of them are the channel's nodes, shape (2, n_bins).
+    which of them are the channel's nodes, shape (2, n_bins). ``settled``: moment from which the
+    bench moves of its own after a tap; the onset for any other blow.
     """
 
     recording: CampaignRecording
@@ -69,6 +80,7 @@ class BlowData:
     channels: Mapping[str, BinnedChannel]
     times: Array
     where: Mapping[str, IntArray]
+    settled: float  # s
 
     @property
     def name(self) -> str:
@@ -211,8 +223,52 @@ def _blow(
                 f'{recording.file}: {name} is cut off at {binned.clipped_at:.4g} {channel.unit}; '
                 'those samples are not fitted.'
             )
+    settled = onset
+    if recording.kind == 'tap':
+        settled = onset + _tap_length(channels, onset)
+        channels = {
+            name: dataclasses.replace(
+                c, used=c.used & ((c.centres < onset - TAP_LEAD) | (c.centres > settled))
+            )
+            for name, c in channels.items()
+        }
     times, where = _moments(channels)
-    return BlowData(recording, onset, channels, times, where)
+    return BlowData(recording, onset, channels, times, where, settled)
+
+
+def _tap_length(channels: Mapping[str, BinnedChannel], onset: float) -> float:
+    """Time after the onset at which a tap is over for certain, s.
+
+    A bench that is left alone rings by ``a = -w^2 x - 2 z w v``, with speed and travel the
+    integrals of its acceleration. What that rule, found late, does not say of the early samples
+    is the force of the hammer. Without the plate's acceleration a long tap is presumed.
+    """
+    plate = channels.get('acceleration.plate')
+    if plate is None or plate.samples.size < 64:
+        return _PRESUMED_TAP
+    since = plate.time - onset
+    known = np.isfinite(plate.samples)
+    a = np.where(known, plate.samples, 0.0)
+    a = a - (float(np.mean(a[since < -TAP_LEAD])) if np.any(since < -TAP_LEAD) else 0.0)
+    v = integrate.cumulative_trapezoid(a, dx=1 / plate.sample_rate, initial=0.0)
+    x = integrate.cumulative_trapezoid(v, dx=1 / plate.sample_rate, initial=0.0)
+    # drift of the integrals is a parabola
+    columns = np.stack([v, x, np.ones_like(since), since, since**2], axis=1)
+    tail = known & (since > _LONGEST_TAP) & (since < 5 * _LONGEST_TAP)
+    if np.count_nonzero(tail) < 64:
+        return _PRESUMED_TAP
+    rule = np.linalg.lstsq(columns[tail], a[tail], rcond=None)[0]
+    hammer = np.abs(a - columns @ rule)
+    early = known & (since > -TAP_LEAD) & (since < _LONGEST_TAP)
+    threshold = max(
+        0.04 * float(np.max(hammer[early], initial=0.0)),
+        6.0 * float(np.std((a - columns @ rule)[tail])),
+    )
+    acting = since[early & (hammer > threshold)]
+    if not acting.size:
+        return _SHORTEST_TAP
+    # the threshold hides a soft end, filters and converters lengthen it
+    return max(1.4 * float(acting[-1]) + 1e-3, _SHORTEST_TAP)
 
 
 def _moments(channels: Mapping[str, BinnedChannel]) -> tuple[Array, dict[str, IntArray]]:

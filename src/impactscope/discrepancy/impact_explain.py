@@ -493,7 +493,7 @@ def _phases(kind: str, time: Array, x: Array, after: Fit, i: int) -> tuple[Phase
     early = (time > start) & (time < start + 0.05)
     peak = float(time[early][np.argmax(x[early])]) if early.any() else start + 0.01
     if kind == 'tap':
-        lost = start + values[f'tap_duration@{i}']
+        lost = after.model.data.blows[i].settled
         return phases(start, min(peak, 0.5 * (start + lost)), [(lost, False)], end)
     contacts = [
         (float(t), int(k) == at.CONTACT_BEGINS)

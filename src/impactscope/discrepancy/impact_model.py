@@ -190,14 +190,18 @@ class ImpactModel:
     # --- residuals -------------------------------------------------------------------------
 
     def layout(self, blows: Sequence[int], window: float = math.inf) -> Layout:
-        """Bins up to ``window`` s after the onset, of the given blows; taps count whole."""
+        """Bins up to ``window`` s after the onset, of the given blows.
+
+        Taps count whole in all but the shortest windows, which for them begin when the hammer
+        has gone.
+        """
         masks, spans, blow_spans, begin = {}, {}, {}, 0
         for i in blows:
             blow = self.data.blows[i]
             first = begin
             length = math.inf if blow.recording.kind == 'tap' and window > 0.02 else window
             for name, channel in blow.channels.items():
-                mask = channel.used & (channel.centres < blow.onset + length)
+                mask = channel.used & (channel.centres < blow.settled + length)
                 count = int(np.count_nonzero(mask))
                 masks[i, name] = mask
                 spans[i, name] = slice(begin, begin + count)

@@ -1,0 +1,92 @@
+"""Nobody knows the shape of a hammer's pulse: none may pass for missing physics, or hide it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact_data import prepare
+from impactscope.physics.twin.assembly import Effect
+from impactscope.physics.twin.bench import MeasuredForce
+
+RATE = 100_000.0  # Hz, of the pulse
+MIXED = {
+    'force': 2000.0,
+    'acceleration.plate': 5000.0,
+    'acceleration.impactor': 5000.0,
+    'acceleration.base': 5000.0,
+}
+
+
+def _power(phase, exponent):
+    return np.sin(np.pi * phase) ** exponent
+
+
+def _skewed(phase, early):
+    return np.sin(np.pi * phase**early)
+
+
+def _humps(phase, second):
+    first = np.exp(-(((phase - 0.28) / 0.13) ** 2))
+    return (first + second * np.exp(-(((phase - 0.72) / 0.15) ** 2))) * np.sin(np.pi * phase)
+
+
+PULSES = {
+    'half sine': (lambda p: _power(p, 1.0), 0.0045),
+    'sin^1.3': (lambda p: _power(p, 1.3), 0.005),
+    'sin^1.8': (lambda p: _power(p, 1.8), 0.006),
+    'sin^2.5': (lambda p: _power(p, 2.5), 0.007),
+    'long sin^2.5': (lambda p: _power(p, 2.5), 0.011),
+    'steep rise': (lambda p: _skewed(p, 0.6), 0.005),
+    'slow rise': (lambda p: _skewed(p, 1.7), 0.005),
+    'short': (lambda p: _power(p, 1.5), 0.0015),
+    'two humps': (lambda p: _humps(p, 0.7), 0.008),
+}
+
+
+def pulse(name: str, peak: float = 150.0) -> MeasuredForce:
+    shape, duration = PULSES[name]
+    phase = np.arange(round(duration * RATE) + 1) / (duration * RATE)
+    values = shape(np.minimum(phase, 1.0))
+    return MeasuredForce(peak * values / values.max(), RATE)
+
+
+@pytest.mark.parametrize('name', PULSES)
+def test_samples_count_when_the_hammer_has_gone(make_campaign, name):
+    data = prepare(make_campaign(1, tap=pulse(name), rate=MIXED))
+    blow = data.blows[0]
+    started = blow.onset - 2e-3  # at the earliest
+    duration = PULSES[name][1]
+    for channel in blow.channels.values():
+        counted = channel.centres[channel.used]
+        after = counted[counted > blow.onset]
+        assert after[0] > started + duration
+        assert after[0] < blow.onset + 1.5 * duration + 5e-3
+        assert np.count_nonzero(counted < blow.onset - 5e-3) > 5
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['two humps', *(pytest.param(n, marks=pytest.mark.slow) for n in PULSES if n != 'two humps')],
+)
+def test_the_shape_of_a_pulse_is_no_finding(make_campaign, name):
+    answer = explain(make_campaign(21, tap=pulse(name), rate=MIXED))
+    assert answer.accepted == ()
+    assert not answer.unexplained
+    assert answer.fit.extended.reduced_chi_square < 1.1
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['sin^2.5', *(pytest.param(n, marks=pytest.mark.slow) for n in ('steep rise', 'two humps'))],
+)
+def test_friction_is_found_whatever_the_pulse(make_campaign, name):
+    campaign = make_campaign(
+        22, [Effect('coulomb_friction', {'force': 0.3})], tap=pulse(name), rate=MIXED
+    )
+    answer = explain(campaign)
+    assert answer.accepted == ('coulomb_friction',)
+    item = answer.ranking[0].parameters['force']
+    assert item.value == pytest.approx(0.3, abs=4 * item.std)
+    assert item.std < 0.01
