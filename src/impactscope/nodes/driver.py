@@ -11,6 +11,7 @@ import threading
 import time
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rosgraph_msgs.msg import Clock as ClockMessage
 
@@ -80,7 +81,7 @@ class Driver(LifecycleNode):
             else None
         )
         if self._options['replay.rate'] == 0 and self._kind == 'replay':
-            self.create_subscription(msg.SyncedBlock, 'synced', self._on_progress, qos.SAMPLES)
+            self.create_subscription(Time, 'synced_until', self._on_progress, qos.SAMPLES)
         self._source: Source | None = None
         self._monitor = BlockMonitor(self._stall_time, self._clock_tolerance)
         self._thread: threading.Thread | None = None
@@ -226,12 +227,11 @@ class Driver(LifecycleNode):
         topic, _, count = text.partition(':')
         return bool(self.count_subscribers(topic) >= int(count or 1))
 
-    def _on_progress(self, message: msg.SyncedBlock) -> None:
+    def _on_progress(self, message: Time) -> None:
         source: Any = self._source
         pace = getattr(source, 'pace', None)
         if pace is not None:
-            duration = message.samples / message.sample_rate if message.sample_rate else 0.0
-            pace.progress(time_ns(message.header.stamp) + round(duration * 1e9))
+            pace.progress(time_ns(message))
 
     def _report(self) -> Report:
         counts = self._monitor.statistics

@@ -5,6 +5,7 @@ Topic ``events`` in; ``sensor_parameters`` and ``impact_parameters`` out, latche
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 from impactscope import msg
@@ -15,7 +16,7 @@ from impactscope.estimate import (
     estimate_impact,
 )
 from impactscope.nodes import qos
-from impactscope.nodes.base import StageNode
+from impactscope.nodes.base import STEADY, StageNode
 from impactscope.nodes.conversions import to_message, to_record
 from impactscope.nodes.parameters import declare_settings, refuse_unknown
 from impactscope.nodes.warm_up import warm_up_fitter
@@ -38,12 +39,32 @@ class FitterNode(StageNode):
         self._impact_publisher = self.create_publisher(
             msg.ImpactParameters, 'impact_parameters', qos.LATCHED
         )
+        # A fit takes longer than a judgement, and nobody may have to wait for it: it is put off.
+        self._waiting: deque[msg.ImpactEvent] = deque()
+        self._timer = self.create_timer(0.002, self._fit_next, clock=STEADY)
+        self._timer.cancel()
         self.create_subscription(msg.ImpactEvent, 'events', self.guard(self._on_event), qos.EVENTS)
 
     def _on_event(self, message: msg.ImpactEvent) -> None:
+        self._waiting.append(message)
+        self._timer.reset()
+
+    def _fit_next(self) -> None:
+        """Fit one event that waits; the timer lets whatever is due meanwhile go first."""
+        if self._waiting:
+            self._fit(self._waiting.popleft())
+        if not self._waiting:
+            self._timer.cancel()
+
+    def _fit(self, message: msg.ImpactEvent) -> None:
         event = to_record(message)
         for sensor in self._stage.push(event):
             self._sensor_publisher.publish(to_message(sensor))
             impact = estimate_impact(event, sensor, self._impact)
             self._impact_publisher.publish(to_message(impact))
             self.published += 1
+
+    def finish(self) -> None:
+        """Fit what still waits."""
+        while self._waiting:
+            self._fit(self._waiting.popleft())

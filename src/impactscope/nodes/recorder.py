@@ -33,7 +33,10 @@ class Recorder(StageNode):
         path = declare(self, 'path', '', 'file to write; empty: named by the time of the start')
         self._wanted = declare(self, 'topics', (), 'topics to record; empty: all of the namespace')
         self._left_out = declare(
-            self, 'leave_out', ('synced',), 'topics not to record: they follow from the others'
+            self,
+            'leave_out',
+            ('synced', 'synced_until'),
+            'topics not to record: they follow from others',
         )
         notes = _pairs(declare(self, 'provenance', (), 'notes for the file: key=value'))
         refuse_unknown(self)

@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import AccelStamped, WrenchStamped
 
 from impactscope import msg
@@ -21,7 +22,7 @@ from impactscope.nodes.base import STEADY, StageNode
 from impactscope.nodes.conversions import time_message, to_message, to_record
 from impactscope.nodes.parameters import declare, declare_settings, refuse_unknown
 from impactscope.nodes.warm_up import warm_up_synchroniser
-from impactscope.records import SampleBlock, SyncedBlock
+from impactscope.records import NANOSECONDS, SampleBlock, SyncedBlock
 from impactscope.synchronise import (
     ChannelMirror,
     ChannelStatistics,
@@ -65,6 +66,7 @@ class SynchroniserNode(StageNode):
         self._publisher = self.create_publisher(
             msg.SyncedBlock, 'synced', qos.SAMPLES, qos_overriding_options=qos.OVERRIDES
         )
+        self._progress = self.create_publisher(Time, 'synced_until', qos.SAMPLES)
         self._mirrors: dict[str, Any] = {}
         self._assemblers: list[SampleAssembler] = []
         for topic in topics:
@@ -126,6 +128,10 @@ class SynchroniserNode(StageNode):
         for block in blocks:
             self._publisher.publish(to_message(block))
             self.published += 1
+            if self._progress.get_subscription_count():
+                duration = block.values.shape[1] / block.sample_rate if block.sample_rate else 0.0
+                until_ns = block.stamp_ns + round(duration * NANOSECONDS)
+                self._progress.publish(time_message(until_ns))
 
     def _take(self, block: SampleBlock) -> None:
         self._publish(self._stage.push(block))

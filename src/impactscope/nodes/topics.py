@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from builtin_interfaces.msg import Time
 from rclpy.qos import QoSProfile
 
 from impactscope import msg
@@ -29,6 +30,7 @@ TOPICS = {
     'acceleration_samples': Topic(msg.SampleBlock, qos.SAMPLES),
     'test_point': Topic(msg.TestPoint, qos.LATCHED),
     'synced': Topic(msg.SyncedBlock, qos.SAMPLES),
+    'synced_until': Topic(Time, qos.SAMPLES),
     'events': Topic(msg.ImpactEvent, qos.EVENTS),
     'sensor_parameters': Topic(msg.SensorParameters, qos.LATCHED),
     'impact_parameters': Topic(msg.ImpactParameters, qos.LATCHED),
