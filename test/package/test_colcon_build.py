@@ -9,7 +9,17 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PARTS = ('CMakeLists.txt', 'package.xml', 'msg', 'srv', 'src', 'config', 'launch', 'bags', 'scripts')
+PARTS = (
+    'CMakeLists.txt',
+    'package.xml',
+    'msg',
+    'srv',
+    'src',
+    'config',
+    'launch',
+    'bags',
+    'scripts',
+)
 COLCON = [str(Path(sys.prefix) / 'bin' / 'colcon')]
 
 
