@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -19,17 +19,10 @@ from rclpy.task import Future
 
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['Finishing', 'Spinner', 'run']
+__all__ = ['Spinner', 'run']
 
 
 DRAIN = 10.0  # s
-
-
-class Finishing(Protocol):
-    """A node that has something to bring to an end before it goes."""
-
-    def finish(self) -> None:
-        """Flush what is open; called once, after the last callback."""
 
 
 class Spinner:

@@ -16,7 +16,7 @@ from sensor_msgs.msg import Imu
 from impactscope.errors import ConfigurationError, InputError
 from impactscope.records import NANOSECONDS
 
-__all__ = ['KINDS', 'StampedValueReader', 'frame_id']
+__all__ = ['KINDS', 'StampedValueReader']
 
 _AXES = {axis: index for index, axis in enumerate('xyz')}
 # kind -> message type, part of the message -> position of its x among the body's doubles
@@ -25,12 +25,6 @@ KINDS: dict[str, tuple[Any, dict[str, int]]] = {
     'accel': (AccelStamped, {'linear': 0, 'angular': 3}),
     'imu': (Imu, {'angular_velocity': 13, 'linear_acceleration': 25}),
 }
-
-
-def frame_id(data: bytes) -> str:
-    """The header's frame, of a serialised stamped message."""
-    (length,) = struct.unpack_from('<I' if data[1] == 1 else '>I', data, 12)
-    return data[16 : 16 + max(length - 1, 0)].decode('utf-8', 'replace')
 
 
 class StampedValueReader:
