@@ -10,7 +10,7 @@ import numpy as np
 
 from .bench import BENCH, Pendulum, Pulse
 from .integrator import COLUMNS, integrate
-from .measurement import HAMMER
+from .measurement import HAMMER, REPEATABLE
 from .scenario import Blow, Chain, Scenario, Sensor, impactor
 
 __all__ = ['draw_scenario']
@@ -113,11 +113,11 @@ def _impact(rng: np.random.Generator) -> Scenario:
 def _legible(blow: Blow, noise: Mapping[str, float]) -> float:
     """How long a blow can be followed, s: a light impactor bounces as on a shaking table.
 
-    The recording ends where 2e-6 of the impact speed would move a sample by its noise: behind
-    that no two simulations agree, nor do a simulation and a bench.
+    The recording ends where a fifth of what no bench repeats of a speed would move a sample by
+    its noise: behind that no two simulations agree, nor do a simulation and a bench.
     """
     t = np.arange(0, blow.duration - blow.start, 2e-4)
-    faster = blow.bench._replace(speed=blow.bench.speed * (1 + 2e-6))
+    faster = blow.bench._replace(speed=blow.bench.speed * (1 + 0.2 * REPEATABLE))
     change = np.abs(integrate(faster, t) - integrate(blow.bench, t))
     columns = {name: COLUMNS.index(name) for name in noise if name in COLUMNS}
     moved = np.max([change[:, c] / noise[n] for n, c in columns.items()], axis=0)
