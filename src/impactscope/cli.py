@@ -5,8 +5,6 @@ CONDITIONAL_FAIL; 2 wrong usage or configuration; 3 a recording cannot be read, 
 end; 4 INVALID; 5 INCOMPLETE.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import json
@@ -15,7 +13,7 @@ import sys
 import time
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Optional, Self
 
 import typer
 from rich.console import Console
@@ -30,6 +28,8 @@ from impactscope.records import (
     ContactKind,
     Estimate,
     EventResult,
+    SensorParameters,
+    SensorSummary,
     TestPoint,
     Verdict,
 )
@@ -69,6 +69,7 @@ EXIT = {
     Verdict.INCOMPLETE: 5,
 }
 UNREADABLE = 3
+LINEARITY_LIMIT = 1e-3  # p-value below which a dependence on the amplitude is said
 _STYLE = {
     Verdict.PASS: 'bold green',
     Verdict.CONDITIONAL_PASS: 'bold yellow',
@@ -87,21 +88,22 @@ class Contact(StrEnum):
 
 
 ParamsFile = Annotated[
-    Path | None,
+    Optional[Path],
     typer.Option('--params-file', '-p', help='ROS 2 parameter file; the same for all commands.'),
 ]
 Report = Annotated[
-    Path | None, typer.Option('--report', help='Write a self-contained HTML report.')
+    Optional[Path], typer.Option('--report', help='Write a self-contained HTML report.')
 ]
-Json = Annotated[Path | None, typer.Option('--json', help='Write the results as JSON.')]
+Json = Annotated[Optional[Path], typer.Option('--json', help='Write the results as JSON.')]
 Region = Annotated[
     str, typer.Option('--region', help='Body region, such as hands_fingers, if not recorded.')
 ]
 ContactOption = Annotated[
-    Contact | None, typer.Option('--contact', help='Body part clamped or free, if not recorded.')
+    Optional[Contact],
+    typer.Option('--contact', help='Body part clamped or free, if not recorded.'),
 ]
 Inputs = Annotated[
-    list[str] | None,
+    Optional[list[str]],
     typer.Option(
         '--input',
         help="Topic of stamped samples, as 'wrench /ft/wrench force.z force'. May be repeated.",
@@ -110,10 +112,10 @@ Inputs = Annotated[
 
 
 MappingFile = Annotated[
-    Path | None, typer.Option('--mapping', help='YAML file that maps columns to channels.')
+    Optional[Path], typer.Option('--mapping', help='YAML file that maps columns to channels.')
 ]
 Channels = Annotated[
-    list[str] | None,
+    Optional[list[str]],
     typer.Option(
         '--channel', help="Channel as 'name=column:unit', such as force=1:N. May be repeated."
     ),
@@ -122,11 +124,11 @@ TimeColumn = Annotated[
     str, typer.Option('--time-column', help="Column of time as 'column:unit', such as 0:s.")
 ]
 SampleRate = Annotated[
-    float | None,
+    Optional[float],
     typer.Option('--sample-rate', help='Hz, where there is no column of time.', min=0.0),
 ]
 SkipRows = Annotated[
-    int | None,
+    Optional[int],
     typer.Option('--skip-rows', help='Header rows to skip; found if not given.', min=0),
 ]
 StaticFile = Annotated[
@@ -199,7 +201,7 @@ def replay(
         float, typer.Option(help='Of time; 0: as fast as the graph takes it.', min=0.0)
     ] = 1.0,
     record_to: Annotated[
-        Path | None, typer.Option('--record-to', help='Record the whole graph to MCAP.')
+        Optional[Path], typer.Option('--record-to', help='Record the whole graph to MCAP.')
     ] = None,
     json_file: Json = None,
     report: Report = None,
@@ -234,7 +236,7 @@ def live(
         float, typer.Option(help='End after this many seconds; 0: at Ctrl-C.', min=0.0)
     ] = 0.0,
     record_to: Annotated[
-        Path | None, typer.Option('--record-to', help='File; default: named by the time.')
+        Optional[Path], typer.Option('--record-to', help='File; default: named by the time.')
     ] = None,
     json_file: Json = None,
     report: Report = None,
@@ -266,7 +268,7 @@ def simulate(
         str, typer.Argument(help='Name of the campaign; see --list.')
     ] = 'hand_pass',
     output: Annotated[
-        Path | None, typer.Option('--output', '-o', help='MCAP file to write.')
+        Optional[Path], typer.Option('--output', '-o', help='MCAP file to write.')
     ] = None,
     seed: Annotated[int, typer.Option(help='Of the noise.', min=0)] = 1,
     sample_rate: Annotated[
@@ -325,7 +327,7 @@ def info(
 @app.command()
 def convert(
     source: Annotated[Path, typer.Argument(help='CSV, NumPy or MATLAB file.')],
-    destination: Annotated[Path | None, typer.Argument(help='MCAP file to write.')] = None,
+    destination: Annotated[Optional[Path], typer.Argument(help='MCAP file to write.')] = None,
     mapping: MappingFile = None,
     channel: Channels = None,
     time_column: TimeColumn = '',
@@ -374,7 +376,7 @@ def explain(
     json_file: Json = None,
     report: Report = None,
     save_model: Annotated[
-        Path | None,
+        Optional[Path],
         typer.Option('--save-model', help='Write campaign.yaml anew, with what was found.'),
     ] = None,
 ) -> None:
@@ -441,7 +443,7 @@ def spring(
         float, typer.Option(help='Of linearity: share of the largest force.', min=0.0)
     ] = 0.01,
     frequency: Annotated[
-        float | None, typer.Option(help='Natural frequency, Hz, for the moving mass.', min=0.0)
+        Optional[float], typer.Option(help='Natural frequency, Hz, for the moving mass.', min=0.0)
     ] = None,
     frequency_std: Annotated[
         float, typer.Option(help='Its standard uncertainty, Hz.', min=0.0)
@@ -534,7 +536,7 @@ def _mapping(
     skip_rows: int | None,
     *,
     transpose: bool = False,
-) -> ColumnMapping | None:
+) -> 'ColumnMapping | None':
     """The mapping of a file of columns as given; None where nothing was."""
     from impactscope.recordings import ColumnMapping
 
@@ -566,7 +568,7 @@ def _value_of(value: float | str, std: float) -> str:
     return f'{value:.4g}' if math.isnan(std) else f'{value:.4g} ± {2 * std:.2g}'
 
 
-def _print_fit(answer: Answer) -> None:
+def _print_fit(answer: 'Answer') -> None:
     before, after = answer.fit.baseline, answer.fit.extended
     if not before.rmse:
         return
@@ -611,7 +613,7 @@ class _Bar:
         self._progress.update(self._task, description=escape(text))
         self(share)
 
-    def __enter__(self) -> _Bar:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -619,7 +621,7 @@ class _Bar:
             self._progress.stop()
 
 
-def _progress(title: str) -> _Bar:
+def _progress(title: str) -> '_Bar':
     return _Bar(title)
 
 
@@ -641,15 +643,78 @@ def _print_blow(result: EventResult) -> None:
         f'{contacts}, peak {_quantity(result.impact.peak_force, 1, "N")}, '
         f'[{_STYLE[verdict.verdict]}]{verdict.verdict.name}[/]. {escape(reason)}'
     )
-    sensor = result.sensor
-    if sensor.valid:
-        out.print(
-            f'  sensor: {_quantity(sensor.natural_frequency, 1, "Hz")}, '
-            f'damping ratio {_quantity(sensor.damping_ratio, 1, "")}, '
-            f'moving mass {_quantity(sensor.moving_mass, 1, "kg")}'
+    for line in (*_impactor_lines(result), *_sensor_lines(result.sensor)):
+        out.print(f'  {escape(line)}')
+
+
+def _impactor_lines(result: EventResult) -> list[str]:
+    """What the blow tells of impactor and contact, as far as it does."""
+    from impactscope.estimate import highest_speed
+
+    impact = result.impact
+    told = (
+        ('speed', impact.impact_speed, 1, 'm/s'),
+        ('effective mass', impact.effective_mass, 1, 'kg'),
+        ('contact', impact.contact_time, 1e3, 'ms'),
+        ('impulse', impact.impulse, 1, 'N s'),
+        ('contact force', impact.peak_contact_force, 1, 'N'),
+        ('mass that rests on the plate', impact.coupled_mass, 1, 'kg'),
+        ('the limit would be reached at', highest_speed(impact, result.verdict), 1, 'm/s'),
+    )
+    parts = [
+        f'{name} {_quantity(value, scale, unit)}'
+        for name, value, scale, unit in told
+        if math.isfinite(value.value)
+    ]
+    return [f'impactor: {", ".join(parts)}'] if parts else []
+
+
+def _sensor_lines(sensor: SensorParameters) -> list[str]:
+    """What the blow tells of the sensor, and why it is no more."""
+    if sensor.modes:
+        lines = [f'{sensor.channel}: {sensor.reason} (R² {sensor.r_squared:.3f})']
+        return lines + [
+            f'  {_quantity(mode.natural_frequency, 1, "Hz")}, '
+            f'damping ratio {_quantity(mode.damping_ratio, 1, "")}'
+            for mode in sensor.modes
+        ]
+    if not sensor.valid and math.isnan(sensor.linearity_p_value):
+        return [f'sensor: cannot be estimated: {sensor.reason}'] if sensor.reason else []
+    parts = [
+        _quantity(sensor.natural_frequency, 1, 'Hz'),
+        f'damping ratio {_quantity(sensor.damping_ratio, 1, "")}',
+    ]
+    if math.isfinite(sensor.moving_mass.value):
+        parts.append(f'moving mass {_quantity(sensor.moving_mass, 1, "kg")}')
+    lines = [f'{"sensor" if sensor.valid else "not usable"}: {", ".join(parts)}']
+    if sensor.reason:
+        lines.append(f'  {sensor.reason}')
+    if sensor.linearity_p_value < LINEARITY_LIMIT:
+        lines.append(
+            f'  depends on the amplitude: per e-fold {_quantity(sensor.frequency_slope, 1, "Hz")} '
+            f'and damping ratio {_quantity(sensor.damping_slope, 1, "")}; small swings at '
+            f'{_quantity(sensor.small_amplitude_frequency, 1, "Hz")}'
         )
-    elif sensor.reason:
-        out.print(f'  sensor: cannot be estimated: {escape(sensor.reason)}')
+    return lines
+
+
+def _print_sensor(summary: SensorSummary) -> None:
+    """What all blows say of the sensor together."""
+    parts = [
+        _quantity(summary.natural_frequency, 1, 'Hz'),
+        f'damping ratio {_quantity(summary.damping_ratio, 1, "")}',
+    ]
+    if math.isfinite(summary.moving_mass.value):
+        parts.append(f'moving mass {_quantity(summary.moving_mass, 1, "kg")}')
+    out.print(f'sensor over {len(summary.event_ids)} blows: {escape(", ".join(parts))}')
+    if summary.scatter_p_value < LINEARITY_LIMIT:
+        out.print('  the blows differ by more than their uncertainties: not one linear sensor')
+    if summary.linearity_p_value < LINEARITY_LIMIT:
+        out.print(
+            '  it depends on how hard the plate is hit: per e-fold '
+            f'{_quantity(summary.frequency_slope, 1, "Hz")} and damping ratio '
+            f'{_quantity(summary.damping_slope, 1, "")}; look for missing physics with explain'
+        )
 
 
 def _print_test_point(verdict: ComplianceVerdict) -> None:
@@ -663,6 +728,8 @@ def _print_test_point(verdict: ComplianceVerdict) -> None:
 def _print_summary(result: AnalysisResult, *, test_points: bool = True) -> None:
     for verdict in result.test_points if test_points else ():
         _print_test_point(verdict)
+    if result.sensor is not None:
+        _print_sensor(result.sensor)
     for note in result.notes:
         out.print(f'note: {escape(note)}')
     out.print(
