@@ -48,6 +48,14 @@ def test_channels_are_joined_and_losses_stay_open(folder):
     assert channels['acceleration.plate'].sample_rate == 50.0
 
 
+def test_one_late_stamp_does_not_move_a_channel(tmp_path):
+    with RecordingWriter(tmp_path / 'late.mcap') as writer:
+        for first in range(0, 50, 5):
+            late = 20_000_000 if first == 0 else 0
+            writer.write_block(block('force', 100.0, first, np.arange(5), offset_ns=late))
+    assert read_channels(tmp_path / 'late.mcap')['force'].start == pytest.approx(-0.02)
+
+
 def test_a_folder_is_loaded_with_its_samples(folder):
     campaign = load_campaign(folder)
     assert campaign.name == folder.name

@@ -68,12 +68,16 @@ def _joined(name: str, blocks: Sequence[SampleBlock], origin_ns: int, file: str)
     for block in blocks:
         at = block.first_index - begin
         values[at : at + block.values.size] = block.values
-    earliest = min(blocks, key=lambda b: b.first_index)
+    # the median over the blocks, since a single stamp may have come late
+    starts = [
+        (b.stamp_ns - origin_ns) / NANOSECONDS - (b.first_index - begin) / b.sample_rate
+        for b in blocks
+    ]
     return ChannelSamples(
         name,
         first.unit,
         first.sample_rate,
-        (earliest.stamp_ns - origin_ns) / NANOSECONDS,
+        float(np.median(starts)),
         values,
         first.range_min,
         first.range_max,

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from impactscope.errors import ConfigurationError
 from impactscope.physics.pendulum import Orientation
+from impactscope.records import ImpactEvent
 
 __all__ = [
     'BaselineItem',
@@ -170,6 +171,36 @@ class Campaign:
             if progress is not None:
                 progress((i + 1) / len(self.recordings))
         return dataclasses.replace(self, recordings=tuple(filled))
+
+    def with_events(self, events: Sequence[ImpactEvent]) -> Campaign:
+        """The campaign as far as blows were taken: the n-th recording is the n-th event.
+
+        Raises ConfigurationError where there are more events than recordings.
+        """
+        if len(events) > len(self.recordings):
+            raise ConfigurationError(
+                f'{len(events)} blows were taken, but {self.name} describes {len(self.recordings)}'
+            )
+        filled = tuple(
+            dataclasses.replace(recording, channels=_channels_of(event))
+            for recording, event in zip(self.recordings, events, strict=False)
+        )
+        return dataclasses.replace(self, recordings=filled)
+
+
+def _channels_of(event: ImpactEvent) -> dict[str, ChannelSamples]:
+    return {
+        channel.name: ChannelSamples(
+            channel.name,
+            channel.unit,
+            event.sample_rate,
+            0.0,
+            event.values[row].astype(np.float64),
+            channel.range_min,
+            channel.range_max,
+        )
+        for row, channel in enumerate(event.channels)
+    }
 
 
 def parse_campaign(data: Any, name: str = 'campaign') -> Campaign:

@@ -7,7 +7,6 @@ the n-th blow; the files it names are not read.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import threading
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 from impactscope import msg, srv
 from impactscope.campaign_files import load_campaign
 from impactscope.discrepancy.answer import Answer
-from impactscope.discrepancy.campaign import Campaign, ChannelSamples
+from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.explain import explain
 from impactscope.errors import ConfigurationError, ImpactscopeError
 from impactscope.nodes import qos
@@ -56,12 +55,11 @@ class Discrepancy(StageNode):
             events = list(self._events)
             if request.forget:
                 self._events.clear()
-        planned = len(self._campaign.recordings)
         if self._thread is not None and self._thread.is_alive():
             response.message = 'a search is under way; wait for its answer'
         elif not events:
             response.message = 'no blow has been collected'
-        elif len(events) > planned:
+        elif len(events) > (planned := len(self._campaign.recordings)):
             response.message = (
                 f'{len(events)} blows were collected, but the campaign describes {planned}; '
                 'begin a new one with forget'
@@ -75,7 +73,7 @@ class Discrepancy(StageNode):
 
     def _search(self, events: list[ImpactEvent]) -> None:
         try:
-            answer = explain(_with_events(self._campaign, events))
+            answer = explain(self._campaign.with_events(events))
         except ImpactscopeError as error:
             self._said = f'no answer: {error}'
             self.get_logger().error(f'discrepancy: {error}')
@@ -110,27 +108,3 @@ class Discrepancy(StageNode):
     def state(self) -> tuple[str, dict[str, Any]]:
         """The last answer."""
         return '', {'collected': len(self._events), 'answer': self._said}
-
-
-def _with_events(campaign: Campaign, events: list[ImpactEvent]) -> Campaign:
-    """The campaign with the events' channels as the samples of its recordings, in order."""
-    recordings = tuple(
-        dataclasses.replace(recording, channels=_channels(event))
-        for recording, event in zip(campaign.recordings, events, strict=False)
-    )
-    return dataclasses.replace(campaign, recordings=recordings)
-
-
-def _channels(event: ImpactEvent) -> dict[str, ChannelSamples]:
-    return {
-        channel.name: ChannelSamples(
-            channel.name,
-            channel.unit,
-            event.sample_rate,
-            0.0,
-            event.values[row].astype(float),
-            channel.range_min,
-            channel.range_max,
-        )
-        for row, channel in enumerate(event.channels)
-    }
