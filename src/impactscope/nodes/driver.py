@@ -25,6 +25,7 @@ from impactscope.nodes import qos, sources
 from impactscope.nodes.conversions import time_message, time_ns, to_message
 from impactscope.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Report
 from impactscope.nodes.parameters import declare, refuse_unknown
+from impactscope.nodes.stream_codec import write_sample_block
 
 __all__ = ['Driver']
 
@@ -197,7 +198,7 @@ class Driver(LifecycleNode):
         if blocks:
             self._last_delivery = time.monotonic()
         for block in blocks:
-            self._publisher.publish(to_message(self._monitor.check(block)))
+            self._publisher.publish(write_sample_block(self._monitor.check(block)))
             if self._clock_publisher is not None:
                 self._clock_publisher.publish(ClockMessage(clock=time_message(end_ns(block))))
         if blocks and self._trouble and self._epoch > 0:

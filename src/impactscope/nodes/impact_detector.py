@@ -13,6 +13,7 @@ from impactscope.nodes import qos
 from impactscope.nodes.base import StageNode
 from impactscope.nodes.conversions import to_message, to_record
 from impactscope.nodes.parameters import declare_settings, refuse_unknown
+from impactscope.nodes.stream_codec import SyncedBlockReader
 from impactscope.nodes.warm_up import warm_up_detector
 from impactscope.records import Channel, ImpactEvent, SyncedBlock
 
@@ -30,6 +31,7 @@ class Detector(StageNode):
         warm_up_detector()
         self._stage = ImpactDetector(settings, profile)
         self._publisher = self.create_publisher(msg.ImpactEvent, 'events', qos.EVENTS)
+        self._read = SyncedBlockReader()
         self.ended = False
         self.duration = 0.0  # s of data seen
         self._channels: dict[str, Channel] = {}
@@ -41,14 +43,15 @@ class Detector(StageNode):
             'synced',
             self.guard(self._on_block),
             qos.SAMPLES,
+            raw=True,
             qos_overriding_options=qos.OVERRIDES,
         )
 
     def _on_test_point(self, message: msg.TestPoint) -> None:
         self._stage.take_test_point(to_record(message))
 
-    def _on_block(self, message: msg.SyncedBlock) -> None:
-        block = to_record(message)
+    def _on_block(self, data: bytes) -> None:
+        block = self._read(data)
         self._publish(self._stage.push(block))
         self.ended = block.is_end
         self._keep(block)

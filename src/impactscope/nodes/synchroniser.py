@@ -19,8 +19,10 @@ from impactscope import msg
 from impactscope.inputs import Input
 from impactscope.nodes import qos, wire
 from impactscope.nodes.base import STEADY, StageNode
-from impactscope.nodes.conversions import time_message, to_message, to_record
+from impactscope.nodes.block_joiner import BlockJoiner
+from impactscope.nodes.conversions import time_message
 from impactscope.nodes.parameters import declare, declare_settings, refuse_unknown
+from impactscope.nodes.stream_codec import SampleBlockReader, SyncedBlockWriter
 from impactscope.nodes.warm_up import warm_up_synchroniser
 from impactscope.records import NANOSECONDS, SampleBlock, SyncedBlock
 from impactscope.synchronise import (
@@ -66,6 +68,9 @@ class SynchroniserNode(StageNode):
         self._publisher = self.create_publisher(
             msg.SyncedBlock, 'synced', qos.SAMPLES, qos_overriding_options=qos.OVERRIDES
         )
+        self._write = SyncedBlockWriter()
+        self._joiner = BlockJoiner()
+        self._will_publish = False
         self._progress = self.create_publisher(Time, 'synced_until', qos.SAMPLES)
         self._mirrors: dict[str, Any] = {}
         self._assemblers: list[SampleAssembler] = []
@@ -73,8 +78,9 @@ class SynchroniserNode(StageNode):
             self.create_subscription(
                 msg.SampleBlock,
                 topic,
-                self.guard(self._on_block),
+                self.guard(self._block_callback()),
                 qos.SAMPLES,
+                raw=True,
                 qos_overriding_options=qos.OVERRIDES,
             )
         for text in inputs:
@@ -106,8 +112,13 @@ class SynchroniserNode(StageNode):
 
         return on_sample
 
-    def _on_block(self, message: msg.SampleBlock) -> None:
-        self._take(to_record(message))
+    def _block_callback(self) -> Callable[[bytes], None]:
+        read = SampleBlockReader()
+
+        def on_block(data: bytes) -> None:
+            self._take(read(data))
+
+        return on_block
 
     def _end_if_idle(self) -> None:
         if self.received == self._last_received and self.received:
@@ -119,19 +130,39 @@ class SynchroniserNode(StageNode):
             for block in assembler.end():
                 self._take(block)
         self._publish(self._stage.flush())
+        self._publish_held()
 
     def finish(self) -> None:
         """Publish what is complete; the stream has ended."""
         self._end()
 
     def _publish(self, blocks: Iterable[SyncedBlock]) -> None:
+        """Publish blocks when all input that waits by now has been taken, or enough is held.
+
+        Whoever keeps up with the samples thus gets each block at once; whoever has fallen behind
+        gets fewer and longer ones, and catches up.
+        """
+        held = False
         for block in blocks:
-            self._publisher.publish(to_message(block))
-            self.published += 1
-            if self._progress.get_subscription_count():
-                duration = block.values.shape[1] / block.sample_rate if block.sample_rate else 0.0
-                until_ns = block.stamp_ns + round(duration * NANOSECONDS)
-                self._progress.publish(time_message(until_ns))
+            held = True
+            for complete in self._joiner.push(block):
+                self._send(complete)
+        if held and not self._will_publish and self.executor is not None:
+            self._will_publish = True
+            self.executor.create_task(self._publish_held)  # comes after the callbacks now due
+
+    def _publish_held(self) -> None:
+        self._will_publish = False
+        for block in self._joiner.flush():
+            self._send(block)
+
+    def _send(self, block: SyncedBlock) -> None:
+        self._publisher.publish(self._write(block))
+        self.published += 1
+        if self._progress.get_subscription_count():
+            duration = block.values.shape[1] / block.sample_rate if block.sample_rate else 0.0
+            until_ns = block.stamp_ns + round(duration * NANOSECONDS)
+            self._progress.publish(time_message(until_ns))
 
     def _take(self, block: SampleBlock) -> None:
         self._publish(self._stage.push(block))
