@@ -349,3 +349,60 @@ def test_memory_is_bounded():
             SyncedBlock(round(i * 2e7), RATE, 0, i * 100, (Channel('f', 'N'),), chunk[None])
         )
     assert detector._scan._history.values.size < 4 * 8192
+
+
+def swing(duration, *, rate=1000.0, period=0.65, amplitude=1.2, decay=0.3, start=0.0, phase=0.7):
+    t = time_axis(duration, rate)
+    wave = amplitude * np.exp(-decay * (t - start)) * np.cos(2 * np.pi * (t - start) / period)
+    wave = np.where(t >= start, wave, amplitude)
+    if start == 0.0:
+        wave = amplitude * np.exp(-decay * t) * np.cos(2 * np.pi * t / period + phase)
+    return np.round(wave / 0.005) * 0.005  # steps of an encoder
+
+
+ANGLE = (Channel('displacement.angle', 'rad'),)
+
+
+@pytest.mark.parametrize('phase', [0.0, 0.7, 1.6, 3.14, 4.5])
+def test_a_swing_that_runs_from_the_start_is_followed_to_its_end(phase):
+    """Where it turns it looks quiet for a moment; that is neither rest nor noise."""
+    values = swing(5.0, phase=phase)
+    (event,) = detect(values, rate=1000.0, channels=ANGLE)
+    assert Quality.COLD_START in event.quality
+    assert Quality.TORN in event.quality
+    assert event.values.shape[1] > 4300
+    assert event.noise_std[0] < 0.01
+    assert abs(event.zero_level[0]) < 0.3
+    assert len(event.contacts) == 1  # further half-waves press on nothing
+
+
+def test_a_swing_let_go_after_quiet_is_followed_to_rest():
+    values = swing(14.0, start=1.0, decay=1.5)
+    events = detect(values, rate=1000.0, channels=ANGLE, detector=swinging())
+    assert len(events) == 1
+    assert events[0].event_end - events[0].contact_start > 2.0
+    assert not events[0].quality & (Quality.TORN | Quality.COLD_START)
+
+
+def swinging():
+    return ImpactDetector(DetectorSettings(polarity=0))
+
+
+def test_a_swing_without_end_is_cut_and_memory_stays_bounded():
+    profile = MeasurementProfile()
+    values = swing(40.0, decay=0.0)
+    events = detect(values, rate=1000.0, channels=ANGLE, detector=swinging())
+    longest = profile.longest_hold + profile.longest_ring_down + profile.pre_trigger
+    assert events
+    assert all(event.values.shape[1] <= 1000 * (longest + 0.2) for event in events)
+
+
+@given(st.lists(st.integers(1, 4999), max_size=20, unique=True).map(sorted))
+@settings(max_examples=15, deadline=None)
+def test_a_swing_does_not_depend_on_how_the_stream_is_cut(cuts):
+    values = swing(5.0)
+    (whole,) = detect(values, rate=1000.0, channels=ANGLE)
+    (event,) = detect(values, cuts, rate=1000.0, channels=ANGLE)
+    assert np.array_equal(event.values, whole.values)
+    assert event.contacts == whole.contacts
+    assert event.zero_level == whole.zero_level

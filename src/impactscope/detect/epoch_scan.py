@@ -29,6 +29,7 @@ from impactscope.detect.noise_floor import (
     quantum,
     quiet_powers,
     window_lengths,
+    without_slow_motion,
 )
 from impactscope.detect.plate_memory import PlateMemory
 from impactscope.detect.settings import DetectorSettings
@@ -85,6 +86,7 @@ class EpochScan:
             hop=hop,
             scales=window_lengths(settings.samples, hop),
         )
+        self._in_newtons = record.channels[row].unit == 'N'
         self._learn_hops = max(2 * math.ceil(settings.learning_time / step / 2), 2)
         self._rest_hops = max(math.ceil(profile.rest_hold / step - 1e-9), 1)
         self._memory_hops = math.ceil(settings.memory / step) + kernels.GUARD
@@ -223,11 +225,16 @@ class EpochScan:
             )
             if powers is not None and not self._others_stationary(stretch):
                 powers = None
+            if powers is not None and self._moves(samples):
+                powers = None  # a swing about to turn looks stationary
             late = hops * self._width >= longest * self._layout.grid_rate
             if powers is None and late and np.isfinite(samples).all():
-                powers = plain_powers(samples, self._layout.scales, self.settings.threshold)
+                powers = self._plain_powers(samples)
             if powers is not None:
+                in_motion = self._cold and self._moves(samples)
                 self._settle(start, self._position, powers)
+                if in_motion:
+                    self._open_in_motion(start + stretch.shape[1])
                 return
             if late:  # no longer worth looking back to
                 self._learn_from += self._width
@@ -271,7 +278,7 @@ class EpochScan:
                 self._layout.hop,
                 self.settings.threshold,
             )
-            if powers is not None:
+            if powers is not None and not self._moves(self._native(start, stop)):
                 quiet.append((start, stop, powers))
         if quiet:
             self._settle(*quiet[0][:2], np.mean([powers for _, _, powers in quiet], axis=0))
@@ -285,8 +292,19 @@ class EpochScan:
         if best >= 0:
             start = self._learn_from + best * self._width
             native = self._native(start, start + self._width)
-            powers = plain_powers(native, self._layout.scales, self.settings.threshold)
-            self._settle(start, start + self._width, powers)
+            self._settle(start, start + self._width, self._plain_powers(native))
+            if self._moves(native):
+                self._open_in_motion(self._history.stop)
+
+    def _moves(self, samples: NDArray[np.float64]) -> bool:
+        """Whether the channel is no force and the stretch part of a slow swing."""
+        return not self._in_newtons and without_slow_motion(samples) is not samples
+
+    def _plain_powers(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Noise of a stretch that is not quiet; a position's or angle's slow swing is none."""
+        if not self._in_newtons:
+            samples = without_slow_motion(samples)
+        return plain_powers(samples, self._layout.scales, self.settings.threshold)
 
     def _settle(self, start: int, stop: int, powers: NDArray[np.float64]) -> None:
         """The stretch from start to stop is quiet: the noise floor is known, look for blows."""
@@ -309,6 +327,13 @@ class EpochScan:
             # What came before the quiet was not looked at yet.
             self._position = max(self._learn_from, self._begin)
             self._floor.line[1] = 0.0
+
+    def _open_in_motion(self, stop: int) -> None:
+        """A position or angle that was never at rest: it moved before the stream began.
+
+        What it swings about is the mean of all that was seen up to ``stop``.
+        """
+        self._open(self._position, zero=float(np.mean(self._native(self._position, stop))))
 
     def _watch(self, hops: int, length: int) -> None:
         layout, floor, settings = self._layout, self._floor, self.settings
@@ -355,13 +380,12 @@ class EpochScan:
         if length > 0:
             self._watch(1, length)
 
-    def _open(self, trigger: int) -> None:
+    def _open(self, trigger: int, zero: float | None = None) -> None:
         floor = self._floor
         number = self._number(self._position)
         means, deviations = floor.channel_levels()
-        means[0] = floor.level(number)
+        means[0] = floor.level(number) if zero is None else zero
         deviations[0] = floor.sigma[0]
-        in_newtons = self._layout.channels[self._layout.row].unit == 'N'
         quality = Quality.NONE
         if trigger - self._begin < self.profile.rest_hold * self._layout.grid_rate:
             quality |= Quality.COLD_START
@@ -373,9 +397,9 @@ class EpochScan:
             zero=means,
             noise=deviations,
             sigma=floor.sigma.copy(),
-            contact_force=self.profile.contact_end_force if in_newtons else 0.0,
+            contact_force=self.profile.contact_end_force if self._in_newtons else 0.0,
             drift=abs(float(floor.line[1])) / self._width,
-            in_newtons=in_newtons,
+            in_newtons=self._in_newtons,
             quality=quality,
         )
         self._levels: list[float] = []  # means of the hops since the one with the trigger
@@ -412,10 +436,12 @@ class EpochScan:
         force = max(opening.contact_force, self._level_noise())
         force += opening.drift * (self._position - opening.trigger)
         pressed = opening.in_newtons and len(self._levels) >= hold and level > force
-        if pressed or self._has_grown():
-            self._last_contact = self._position
         held = profile.longest_hold * layout.grid_rate + self._width
-        if pressed and self._position - opening.trigger >= held:
+        lasting = self._position - opening.trigger >= held
+        # A slow swing grows anew with every half-wave: it is followed no longer than a contact.
+        if pressed or (self._has_grown() and not lasting):
+            self._last_contact = self._position
+        if pressed and lasting:
             return self._close(self._position, Quality.HELD, rest_from=self._rest_start())
         rest = self._rest_start()
         self._prepare(pressed=pressed)

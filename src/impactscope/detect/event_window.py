@@ -139,7 +139,7 @@ def contacts_of(
     )
     contacts = find_contacts(reading, trigger, rules)
     if not opening.in_newtons:
-        return contacts
+        return contacts[:1]  # a position's or acceleration's further half-waves press on nothing
     if quiet is not None:
         plates.learn(reading[round(contacts[-1].end * native) : quiet], native, rules.noise)
     if plates.model is None:
@@ -196,7 +196,7 @@ def build_event(
     if Quality.HELD in quality:
         end = min(onset + profile.longest_hold, last)
         contacts = (*contacts[:-1], replace(contacts[-1], end=end))
-    elif Quality.TORN in quality and reading[-1] > threshold:
+    elif Quality.TORN in quality and opening.in_newtons and reading[-1] > threshold:
         end = last
 
     lead = math.ceil((profile.pre_trigger - onset) * native - 1e-6)

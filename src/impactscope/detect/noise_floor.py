@@ -17,7 +17,11 @@ __all__ = [
     'quantum',
     'quiet_powers',
     'window_lengths',
+    'without_slow_motion',
 ]
+
+SMOOTH_SAMPLES = 50  # from which a stretch carries a curve of fourth degree
+SLOW_SHARE = 0.01  # of a stretch's variance that a slow motion leaves at most
 
 
 def window_lengths(shortest: int, hop: int) -> NDArray[np.int64]:
@@ -197,6 +201,20 @@ def plain_powers(
     row = samples.astype(np.float32)
     kernels.rest_statistics(row, 0, 1, row.size, scales, sigma, threshold, powers)
     return powers
+
+
+def without_slow_motion(samples: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What a slow swing leaves of a stretch: the noise of a plant that is never seen at rest.
+
+    The samples themselves where a polynomial does not explain nearly all of them: vibration,
+    hum and wild samples are noise.
+    """
+    degree = 4 if samples.size >= SMOOTH_SAMPLES else 2
+    time = np.linspace(-1.0, 1.0, samples.size)
+    motion = np.polynomial.Polynomial.fit(time, samples, degree)(time)
+    rest = samples - motion
+    slow = float(np.var(rest)) < SLOW_SHARE * float(np.var(samples))
+    return rest if slow else samples
 
 
 def alike(a: float, b: float, ratio: float) -> bool:
