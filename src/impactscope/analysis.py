@@ -16,7 +16,13 @@ from impactscope.comply import Compliance, JudgementRules, LimitSet, judge_recor
 from impactscope.configuration import load_limits, node_parameters, settings_from
 from impactscope.detect import DetectorSettings, ImpactDetector
 from impactscope.errors import MissingChannelError
-from impactscope.estimate import Fitter, FitterSettings, ImpactSettings, estimate_impact
+from impactscope.estimate import (
+    Fitter,
+    FitterSettings,
+    ImpactSettings,
+    RepeatedBlows,
+    estimate_impact,
+)
 from impactscope.inputs import Item, inputs_of, recorded_items, scan_channels
 from impactscope.measurement_profile import MeasurementProfile
 from impactscope.recordings import RecordingInfo, file_sha256, open_recording
@@ -28,6 +34,7 @@ from impactscope.records import (
     ImpactEvent,
     Quality,
     SampleBlock,
+    SensorSummary,
     SyncedBlock,
     TestPoint,
     Verdict,
@@ -290,7 +297,15 @@ def summarise(
         notes=tuple(notes),
         damaged=damaged,
         provenance=dict(provenance or {}),
+        sensor=_sensor_of(events),
     )
+
+
+def _sensor_of(events: Sequence[EventResult]) -> SensorSummary | None:
+    """The last word on the sensor, as the fitter node says it."""
+    stage = RepeatedBlows()
+    summaries = [summary for item in events for summary in stage.push(item.sensor)]
+    return summaries[-1] if summaries else None
 
 
 def _without_samples(result: EventResult) -> EventResult:

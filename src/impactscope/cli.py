@@ -626,11 +626,14 @@ def _progress(title: str) -> '_Bar':
 
 
 def _quantity(estimate: Estimate, scale: float, unit: str) -> str:
-    if math.isnan(estimate.value):
+    """Value ± expanded uncertainty (k = 2), both to its second digit (JCGM 100)."""
+    value, uncertainty = estimate.value * scale, 2 * estimate.std * scale
+    if math.isnan(value):
         return '-'
-    if math.isnan(estimate.std):
-        return f'{estimate.value * scale:.4g} {unit}'.rstrip()
-    return f'{estimate.value * scale:.4g} ± {2 * estimate.std * scale:.2g} {unit}'.rstrip()
+    if not (math.isfinite(uncertainty) and uncertainty > 0):
+        return f'{value:.4g} {unit}'.rstrip()
+    decimals = min(max(1 - math.floor(math.log10(uncertainty)), 0), 12)
+    return f'{value:.{decimals}f} ± {uncertainty:.{decimals}f} {unit}'.rstrip()
 
 
 def _print_blow(result: EventResult) -> None:
@@ -656,7 +659,12 @@ def _impactor_lines(result: EventResult) -> list[str]:
         ('speed', impact.impact_speed, 1, 'm/s'),
         ('effective mass', impact.effective_mass, 1, 'kg'),
         ('contact', impact.contact_time, 1e3, 'ms'),
-        ('impulse', impact.impulse, 1, 'N s'),
+        (
+            'impulse of the reading' if impact.method == 'reading' else 'impulse',
+            impact.impulse,
+            1,
+            'N s',
+        ),
         ('contact force', impact.peak_contact_force, 1, 'N'),
         ('mass that rests on the plate', impact.coupled_mass, 1, 'kg'),
         ('the limit would be reached at', highest_speed(impact, result.verdict), 1, 'm/s'),

@@ -25,9 +25,11 @@ __all__ = [
     'EventResult',
     'ImpactEvent',
     'ImpactParameters',
+    'Mode',
     'Quality',
     'SampleBlock',
     'SensorParameters',
+    'SensorSummary',
     'SyncedBlock',
     'TestPoint',
     'Verdict',
@@ -224,6 +226,15 @@ class ImpactEvent:
 
 
 @dataclass(frozen=True, slots=True)
+class Mode:
+    """One decaying mode of several that ring after a blow; as in ``msg/Mode.msg``."""
+
+    natural_frequency: Estimate = Estimate()  # Hz, undamped
+    damping_ratio: Estimate = Estimate()
+    amplitude: Estimate = Estimate()  # unit of the channel, at the span's start
+
+
+@dataclass(frozen=True, slots=True)
 class SensorParameters:
     """What one blow tells about the sensor; fields as in ``msg/SensorParameters.msg``."""
 
@@ -248,6 +259,27 @@ class SensorParameters:
     rmse: float = math.nan
     spectral_frequency: Estimate = Estimate()  # Hz
     spectral_damping_ratio: Estimate = Estimate()
+    frequency_slope: Estimate = Estimate()  # Hz, change while the amplitude grows e-fold
+    damping_slope: Estimate = Estimate()
+    small_amplitude_frequency: Estimate = Estimate()  # Hz, natural, in the limit
+    linearity_p_value: float = math.nan  # chance of such slopes in a linear oscillation
+    modes: tuple[Mode, ...] = ()  # where several ring, the most energy first
+
+
+@dataclass(frozen=True, slots=True)
+class SensorSummary:
+    """What several blows tell of the sensor together; as in ``msg/SensorSummary.msg``."""
+
+    stamp_ns: int
+    event_ids: tuple[int, ...]
+    channel: str = ''
+    natural_frequency: Estimate = Estimate()  # Hz
+    damping_ratio: Estimate = Estimate()
+    moving_mass: Estimate = Estimate()  # kg
+    scatter_p_value: float = math.nan  # chance of so large a scatter on one linear sensor
+    frequency_slope: Estimate = Estimate()  # Hz, between blows, while the amplitude grows e-fold
+    damping_slope: Estimate = Estimate()
+    linearity_p_value: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,6 +298,8 @@ class ImpactParameters:
     impact_speed: Estimate = Estimate()  # m/s
     effective_mass: Estimate = Estimate()  # kg
     transferred_energy: Estimate = Estimate()  # J
+    coupled_frequency: Estimate = Estimate()  # Hz, of an impactor that stays on the plate
+    coupled_mass: Estimate = Estimate()  # kg, from that frequency
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,3 +350,4 @@ class AnalysisResult:
     notes: tuple[str, ...]  # what a reader must know of the data's quality, in sentences
     damaged: bool = False  # the recording could not be read to its end
     provenance: dict[str, str] = field(default_factory=dict)  # metadata of the recording
+    sensor: SensorSummary | None = None  # of all blows that tell the sensor; None where none does

@@ -73,6 +73,15 @@ def test_all_positions_of_the_papers_figure(distance):
     assert found.weight.value == pytest.approx(pendulum.contact_weight(), abs=0.15)
 
 
+@pytest.mark.parametrize('distance', [0.0, 0.05, 0.25])
+def test_a_long_record_at_rest_takes_nothing_away(distance):
+    """Most of it is noise then; what rings before is told as well."""
+    found = estimate_equivalent_mass(noisy(distance, duration=4.0), RATE, **KNOWN)
+    assert found.valid, found.reason
+    pendulum = Pendulum(mass_distance=distance)
+    assert abs(found.mass.value - pendulum.equivalent_mass) < 4 * found.mass.std
+
+
 def test_fitting_through_loss_of_contact_is_biased():
     for distance in (0.15, 0.2, 0.25):
         found = estimate_equivalent_mass(noisy(distance), RATE, **KNOWN)

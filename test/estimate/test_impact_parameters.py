@@ -15,7 +15,10 @@ from impactscope.estimate.impact_parameters import (
     estimate_impact,
     reconstruct_contact_force,
 )
+from impactscope.physics.pendulum import Pendulum
 from impactscope.physics.sensor_model import PAPER_SENSOR as SENSOR
+from impactscope.physics.twin.bench import Bench, PendulumBlow
+from impactscope.physics.twin.simulate import simulate
 from impactscope.records import (
     Channel,
     Contact,
@@ -312,3 +315,65 @@ def test_unknown_noise_and_zero_are_found_from_the_record():
 def test_settings_are_checked(wrong):
     with pytest.raises(ConfigurationError, match=next(iter(wrong))):
         ImpactSettings(**wrong)
+
+
+@functools.cache
+def resting(distance=0.1):
+    """Pendulum blow on the bare vertical bench, the pendulum lifted off after 2 s."""
+    duration = 2.6
+    found = simulate(
+        Bench(damper=None),
+        PendulumBlow(Pendulum(mass_distance=distance), math.radians(10), lift_time=2.0),
+        duration=duration,
+        sample_rate=2000.0,
+    )
+    quiet = np.zeros(200)
+    force = np.concatenate([quiet, found['force']])
+    force += np.random.default_rng(4).normal(0, 0.3, force.size)
+    return force.astype(np.float32), found.contacts
+
+
+def rested(**point):
+    force, contacts = resting()
+    end = 0.1 + contacts[-1].end
+    whole = Contact(0.1, end, float(force.max()), 0.1 + contacts[0].start, 1.0)
+    return ImpactEvent(
+        event_id=1,
+        stamp_ns=0,
+        window_start_ns=0,
+        sample_rate=2000.0,
+        channels=(Channel('force', 'N', native_rate=2000.0),),
+        values=force[None],
+        contacts=(whole,),
+        contact_start=0.1,
+        contact_end=end,
+        event_end=2.5,
+        zero_level=(0.0,),
+        noise_std=(0.3,),
+        rest_level=0.0,
+        test_point=TestPoint(**point),
+    )
+
+
+def test_an_impactor_that_stays_is_weighed_by_its_common_oscillation():
+    found = estimate_impact(rested(), KNOWN)
+    truth = Pendulum(mass_distance=0.1).equivalent_mass
+    assert abs(found.coupled_mass.value - truth) < 4 * found.coupled_mass.std
+    assert found.coupled_mass.std < 0.05 * truth
+    total = SENSOR.mass + truth
+    common = math.sqrt(SENSOR.stiffness / total) / (2 * math.pi)
+    assert found.coupled_frequency.value == pytest.approx(common, rel=0.01)
+
+
+def test_with_a_damper_layer_between_them_it_is_not():
+    assert math.isnan(estimate_impact(rested(damper='SH10'), KNOWN).coupled_mass.value)
+    assert math.isnan(estimate_impact(rested()).coupled_mass.value)  # sensor not known
+    assert math.isnan(estimate_impact(blow(), KNOWN).coupled_mass.value)  # nothing stays
+
+
+def test_without_the_sensor_the_reading_weighs_nothing():
+    """What the plate took of the impulse is missing in the reading: no mass follows from it."""
+    assert math.isfinite(estimate_impact(blow(), KNOWN).effective_mass.value)
+    blind = estimate_impact(blow())
+    assert blind.method == 'reading'
+    assert math.isnan(blind.effective_mass.value)

@@ -114,6 +114,9 @@ def results(kind):
         'Estimate': estimate,
         'tuple[int, ...]': st.lists(count, max_size=3).map(tuple),
         'tuple[str, ...]': st.lists(text, max_size=3).map(tuple),
+        'tuple[Mode, ...]': st.lists(
+            st.builds(records.Mode, estimate, estimate, estimate), max_size=3
+        ).map(tuple),
         'TestPoint': point,
         'Verdict': st.sampled_from(records.Verdict),
         'VerdictScope': st.sampled_from(records.VerdictScope),
@@ -141,6 +144,7 @@ def same(a, b):
         events(),
         point,
         results(records.SensorParameters),
+        results(records.SensorSummary),
         results(records.ImpactParameters),
         results(records.ComplianceVerdict),
     )
@@ -155,6 +159,8 @@ def test_every_field_of_a_message_has_its_record():
     header = {'header': {'stamp_ns', 'frame_id'}}
     for kind, record in (
         (msg.SensorParameters, records.SensorParameters),
+        (msg.SensorSummary, records.SensorSummary),
+        (msg.Mode, records.Mode),
         (msg.ImpactParameters, records.ImpactParameters),
         (msg.ComplianceVerdict, records.ComplianceVerdict),
         (msg.TestPoint, records.TestPoint),
@@ -163,7 +169,7 @@ def test_every_field_of_a_message_has_its_record():
     ):
         fields = set(kind.get_fields_and_field_types())
         names = {f.name.removesuffix('_ns') for f in dataclasses.fields(record)}
-        assert fields - set(header) == names - {'stamp'}
+        assert fields - set(header) == names - {'stamp'}, kind
 
 
 def test_flags_and_verdicts_are_those_of_the_messages():

@@ -45,6 +45,7 @@ def differences(a, b, where=''):
 def assert_same(offline, live):
     assert differences(offline.events, live.events, 'events') == []
     assert differences(offline.test_points, live.test_points, 'test_points') == []
+    assert differences(offline.sensor, live.sensor, 'sensor') == []
     assert live.verdict is offline.verdict
     assert live.duration == pytest.approx(offline.duration)
     assert live.sha256 == offline.sha256
@@ -58,6 +59,34 @@ def test_there_are_recordings():
 def test_replay_as_fast_as_it_goes_equals_analysis(name):
     path = bags_folder() / name
     assert_same(analyse(path), replay_recording(path, rate=0.0))
+
+
+@pytest.mark.parametrize('name', [n for n in BAGS if not n.startswith('simulated')])
+def test_the_live_fitter_tells_what_real_recordings_show(name):
+    """A structure of several modes, a pendulum whose frequency falls with its amplitude."""
+    (result,) = replay_recording(bags_folder() / name, rate=0.0).events
+    sensor = result.sensor
+    assert sensor.reason
+    assert not sensor.valid
+    if name.startswith('hammer'):
+        first = [mode for mode in sensor.modes if abs(mode.natural_frequency.value - 900) < 1]
+        assert first[0].natural_frequency.std < 0.2
+        assert first[0].damping_ratio.value == pytest.approx(0.0013, abs=3e-4)
+    else:
+        assert sensor.frequency_slope.value < -20 * sensor.frequency_slope.std
+        assert sensor.small_amplitude_frequency.value == pytest.approx(1.74, abs=0.05)
+        assert 0.01 < sensor.damping_ratio.value < 0.05
+
+
+def test_the_summary_over_blows_is_published_and_recorded(tmp_path):
+    path, copy = bags_folder() / 'simulated_taps.mcap', tmp_path / 'copy.mcap'
+    live = replay_recording(path, rate=0.0, record_to=copy)
+    with open_recording(copy) as recording:
+        (topic,) = [t for t in recording.info.topics if t.name.endswith('sensor_summary')]
+    assert topic.type == 'impactscope/msg/SensorSummary'
+    assert topic.count == len(live.events) - 1
+    assert live.sensor.event_ids == tuple(item.event.event_id for item in live.events)
+    assert live.sensor.natural_frequency.std < 0.01
 
 
 def test_replay_at_speed_equals_analysis():

@@ -34,6 +34,8 @@ class AmplitudeDependence:
     The p-values are the chance of so large a slope if the oscillation is linear.
     ``viscous_damping`` and ``linear_frequency`` extrapolate, by what varies as one over the
     amplitude (dry friction) and by what varies as the amplitude (quadratic damping).
+    ``small_amplitude_frequency`` extrapolates by the amplitude's square, as the frequency of
+    every smooth spring that is alike to both sides varies (hardening, softening, a pendulum).
     """
 
     time: Array  # s after the first sample, middle of the window
@@ -44,6 +46,7 @@ class AmplitudeDependence:
     damping_ratio_std: Array
     viscous_damping: tuple[float, float]  # damping ratio left at large, at small amplitude
     linear_frequency: tuple[float, float]  # Hz, likewise
+    small_amplitude_frequency: Estimate  # Hz, natural
     frequency_slope: Estimate  # Hz
     damping_slope: Estimate
     frequency_p: float
@@ -107,6 +110,7 @@ def amplitude_dependence(
         damping_ratio_std=damping_std,
         viscous_damping=_limits(amplitudes, damping, damping_std),
         linear_frequency=_limits(amplitudes, frequency, frequency_std),
+        small_amplitude_frequency=_small_limit(amplitudes, frequency, frequency_std),
         frequency_slope=frequency_slope,
         damping_slope=damping_slope,
         frequency_p=_two_sided(frequency_slope),
@@ -171,6 +175,20 @@ def _limits(amplitude: Array, y: Array, std: Array) -> tuple[float, float]:
     """Value at large amplitude by a line over 1/amplitude, at small by one over amplitude."""
     relative = amplitude / amplitude[0]
     return _at_zero(1.0 / relative, y, std), _at_zero(relative, y, std)
+
+
+def _small_limit(amplitude: Array, y: Array, std: Array) -> Estimate:
+    """Value at zero by a weighted line over the squared amplitude, widened where it bends."""
+    x = (amplitude / amplitude[0]) ** 2
+    slope = _slope(x, y, std)
+    if not math.isfinite(slope.std):
+        return Estimate()
+    value = _at_zero(x, y, std)
+    weight = 1.0 / std**2
+    lever = float(np.sum(weight * x) / np.sum(weight))
+    bend = float(np.sum(weight * (y - value - slope.value * x) ** 2)) / (x.size - 2)
+    spread = math.hypot(1.0 / math.sqrt(float(np.sum(weight))), lever * slope.std)
+    return Estimate(value, spread * math.sqrt(max(1.0, bend)))
 
 
 def _at_zero(x: Array, y: Array, std: Array) -> float:

@@ -62,6 +62,12 @@ def signal_of(event: ImpactEvent, row: int) -> Signal:
     return Signal(raw - zero, noise, native / 2, noise / math.sqrt(independent))
 
 
+def _is_force(event: ImpactEvent, name: str) -> bool:
+    """Whether a channel, the event's first where not named, is a force: the sensor's own."""
+    row = event.index_of(name) if name else 0
+    return row is not None and event.channels[row].unit == 'N'
+
+
 @dataclass(frozen=True, slots=True)
 class SensorConstants:
     """The sensor's constants, each as well as it is known; NaN where it is not."""
@@ -102,7 +108,7 @@ class SensorConstants:
         point = event.test_point
         if math.isfinite(point.spring_stiffness):
             stiffness = Estimate(point.spring_stiffness, point.spring_stiffness_std)
-        if sensor is not None and sensor.valid:
+        if sensor is not None and sensor.valid and _is_force(event, sensor.channel):
             frequency, ratio = sensor.natural_frequency, sensor.damping_ratio
             if math.isfinite(sensor.stiffness.value):
                 stiffness = sensor.stiffness

@@ -32,6 +32,7 @@ SHORTEST = 48  # ... so many samples
 LEAST_AMPLITUDE = 0.4  # share of an oscillation's amplitude that a later start must keep
 LEAST_SNR = 10.0  # amplitude over noise of an oscillation found somewhere after a long contact
 GOOD_FIT = 0.9  # R² without noise below which a span that fails the tests is no free vibration
+NEARLY_ALL = 0.95  # of the energy, R² without noise, where no start passes the tests
 MOST_DAMPING = 0.3  # beyond it a vibration is too short to differ from a contact's end
 MOST_STARTS = 32
 SIGNIFICANT = 1e-4
@@ -255,7 +256,9 @@ def _search(record: Array, first: int, failed: _Trial) -> _Trial:
 
     As the amplitude falls, everything hides in the noise. So where the first trial is an
     oscillation already, a pass counts only while most of its amplitude is left; where it is
-    not, it is a contact that lasts, and the oscillation may begin anywhere after it.
+    not, it is a contact that lasts, and the oscillation may begin anywhere after it. An
+    oscillation far from linear passes nowhere: then the earliest start counts from which on
+    one damped oscillation explains nearly all of it.
     """
     size = record.size - first
     step = max(1.0, 0.9 * size / MOST_STARTS)
@@ -266,18 +269,19 @@ def _search(record: Array, first: int, failed: _Trial) -> _Trial:
         decay = max(failed.solution.s, 1e-9) / failed.solution.residual.size
         last = min(0.5 * size, -math.log(LEAST_AMPLITUDE) / decay)
         step = max(step, last / MOST_STARTS)
+    nearly: _Trial | None = None
     for k in range(1, int(last / step) + 1):
         trial = _try(record, first + round(k * step))
-        if trial.passes and (
-            oscillates
-            or (
-                trial.damping_ratio <= MOST_DAMPING
-                and trial.amplitude >= LEAST_SNR * trial.noise
-                and trial.periods >= FEWEST_PERIODS
-            )
-        ):
+        clear = (
+            trial.damping_ratio <= MOST_DAMPING
+            and trial.amplitude >= LEAST_SNR * trial.noise
+            and trial.periods >= FEWEST_PERIODS
+        )
+        if trial.passes and (oscillates or clear):
             return trial
-    return failed
+        if nearly is None and clear and not oscillates and trial.agreement >= NEARLY_ALL:
+            nearly = trial
+    return nearly or failed
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

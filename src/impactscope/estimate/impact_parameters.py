@@ -18,6 +18,7 @@ from impactscope.errors import ConfigurationError, EstimationError
 from impactscope.estimate.blow import Blow, SensorConstants, Signal, share, signal_of
 from impactscope.estimate.contact_force import ContactForce, Peak, find_peak
 from impactscope.estimate.effective_mass import mass_from_acceleration, mass_from_momentum
+from impactscope.estimate.equivalent_mass import EquivalentMass, estimate_equivalent_mass
 from impactscope.estimate.impact_speed import integrate_span, speed_from_contact
 from impactscope.records import (
     Estimate,
@@ -30,6 +31,8 @@ from impactscope.records import (
 __all__ = ['ImpactEstimator', 'ImpactSettings', 'estimate_impact', 'reconstruct_contact_force']
 
 _FEWEST_SAMPLES = 3  # of the force channel in contact
+_RESTING_TIME = 0.5  # s of contact, from which an impactor rests on the plate
+_LIFTING_SHARE = 0.25  # of that contact, its end, in which it may be lifted off
 _LEAST_PEAK = 5.0  # noise standard deviations
 _THRESHOLD = 0.02  # of the contact force's peak, above which there is contact
 
@@ -101,6 +104,7 @@ def estimate_impact(
     )
     span = _first_contact(blow, contact_force)
     speed, mass = _impactor(blow, contact_force, span, settings)
+    coupled = _coupled(blow)
     return ImpactParameters(
         event.event_id,
         event.stamp_ns,
@@ -114,6 +118,8 @@ def estimate_impact(
         impact_speed=speed,
         effective_mass=mass,
         transferred_energy=_energy(peak_force, blow.sensor.stiffness),
+        coupled_frequency=coupled.fit.natural_frequency if coupled.fit else Estimate(),
+        coupled_mass=coupled.mass,
     )
 
 
@@ -309,6 +315,8 @@ def _from_stated_speed(
     A lossy layer or a push puts that moment off the middle of the contact: half of the
     asymmetry counts as its uncertainty.
     """
+    if contact_force is None and not blow.sensor.known:
+        return Estimate()  # the reading alone lacks what the plate took
     crest = _crest(blow, contact_force, span)
     lag = crest.time.value - 0.5 * (span.start + span.end)
     impulse = _impulse(blow, span.start, crest.time.value, settings)
@@ -321,6 +329,33 @@ def _from_stated_speed(
         )
     except EstimationError:
         return Estimate()
+
+
+def _coupled(blow: Blow) -> EquivalentMass:
+    """Mass of an impactor that stays on the bare plate, from their common oscillation.
+
+    With a damper layer between them they are two masses on two springs, not one on one.
+    """
+    event, sensor = blow.event, blow.sensor
+    last = event.contacts[-1]
+    if last.end - last.start < _RESTING_TIME:
+        return EquivalentMass(False, 'no impactor stays on the plate')
+    if event.test_point.damper.strip().lower() not in {'', 'none'}:
+        return EquivalentMass(False, 'a damper layer lies between impactor and plate')
+    if not (sensor.stiffness.value > 0 and sensor.natural_frequency.value > 0):
+        return EquivalentMass(False, 'stiffness and natural frequency of the sensor are not known')
+    step = event.oversampling if blow.row == 0 else 1
+    rested = last.end - _LIFTING_SHARE * (last.end - last.start)
+    lo, hi = blow.samples(event.contact_start, rested)
+    reading = blow.reading.values[lo:hi:step]
+    if not np.isfinite(reading).all():
+        return EquivalentMass(False, 'samples are missing')
+    return estimate_equivalent_mass(
+        reading,
+        blow.rate / step,
+        stiffness=sensor.stiffness,
+        sensor_frequency=sensor.natural_frequency,
+    )
 
 
 def _crest(blow: Blow, contact_force: ContactForce | None, span: _Span) -> Peak:
@@ -368,7 +403,7 @@ def _from_accelerometer(
                     gain, settings.force_uncertainty, share(contact_force.peak.value)
                 ),
             ).mass
-        else:
+        elif blow.sensor.known:  # the reading alone lacks what the plate took
             change = float(slowed.sum()) / blow.rate
             noise = math.hypot(white * math.sqrt(hi - lo) / blow.rate, gain * change)
             impulse = _impulse(blow, span.start, span.end, settings)

@@ -3,6 +3,9 @@
 After the last contact the plate vibrates freely on its spring; its frequency and decay are the
 sensor's own (section 3.1.1 of Samarathunga et al. 2024). While the impactor rests on the plate
 they are those of both together, and no sensor parameter.
+
+Where several modes ring, all are given; where frequency or damping depends on the amplitude, how.
+Stiffness and mass follow from a force alone.
 """
 
 from __future__ import annotations
@@ -16,27 +19,33 @@ from numpy.typing import NDArray
 
 from impactscope.errors import ConfigurationError, EstimationError, InputError
 from impactscope.estimate import free_oscillation as model
-from impactscope.estimate.amplitude_dependence import amplitude_dependence
+from impactscope.estimate.amplitude_dependence import AmplitudeDependence, amplitude_dependence
 from impactscope.estimate.averaging import amplitude_factor, average_blocks
 from impactscope.estimate.free_vibration_span import FreeVibration, choose_span
+from impactscope.estimate.modes import fit_modes
 from impactscope.estimate.spectrum import bandwidth, estimate_from_spectrum
 from impactscope.records import Channel, Estimate, ImpactEvent, Quality, SensorParameters
 
-__all__ = ['FitterSettings', 'estimate_sensor']
+__all__ = ['FitterSettings', 'estimate_sensor', 'moving_mass']
 
 Array = NDArray[np.float64]
 
 METHOD = 'free oscillation (eq. 27), variable projection'
+MODAL_METHOD = 'several decaying modes, least squares in the spectrum'
 SIGNIFICANT_DEPENDENCE = 1e-3  # p-value at which damping or frequency depends on amplitude
 LEAST_MODE_GAIN = 0.5  # of the residual's power, that a second oscillation has to explain
 MODE_SIGNIFICANCE = 1e-6
+LARGEST_FREQUENCY_STD = 0.05  # relative standard uncertainty of the natural frequency
+HAMMER = 'force.hammer'  # an instrumented hammer's force
+MODAL_SAMPLES = 32768  # that are searched for modes, at most
+LEAST_EXPLAINED = 0.8  # R² of all modes together
 
 
 @dataclass(frozen=True, slots=True)
 class FitterSettings:
     """Settings of the fitter; raises ConfigurationError for values out of range."""
 
-    channel: str = ''  # the force channel that is fitted; empty: the event's first
+    channel: str = ''  # that is fitted; empty: the event's first that is no hammer's force
     spring_stiffness: float = math.nan  # N/m, where the test point does not state it
     spring_stiffness_std: float = math.nan  # N/m, its standard uncertainty
     settle: float = 0.0  # s left out after the end of the last contact
@@ -73,30 +82,68 @@ def estimate_sensor(
     stand beside the reason where there is a fit that a reader may want to judge.
     """
     try:
-        row = _force_row(event, settings)
-        samples, begin, stride = _free_part(event, row, settings)
-        values, factor = average_blocks(samples, event.sample_rate / stride)
-        step = factor * stride
-        rate = event.sample_rate / step
-        vibration = choose_span(values, rate, earliest=0.0 if event.contacts else None)
-    except (_CannotTell, EstimationError, InputError) as error:
-        return SensorParameters(
-            event.event_id,
-            event.stamp_ns,
-            valid=False,
-            reason=str(error),
-            method=METHOD,
-            channel=_channel_name(event, settings),
-        )
+        row = _response_row(event, settings)
+        free = _free_part(event, row, settings)
+    except _CannotTell as error:
+        return _untold(event, _channel_name(event, settings), str(error))
+    try:
+        result, several = _one_oscillation(event, row, free, settings)
+    except (EstimationError, InputError) as error:
+        result, several = _untold(event, event.channels[row].name, str(error)), True
+    if not several:
+        return result
+    modal = _several_modes(event, row, free)
+    return result if modal is None else modal
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FreePart:
+    """Samples after the last contact at the channel's own rate."""
+
+    samples: Array
+    begin: int  # index of the first in the event's window
+    stride: int  # from one to the next in it
+    rate: float  # Hz
+
+
+def _untold(event: ImpactEvent, channel: str, reason: str) -> SensorParameters:
+    return SensorParameters(
+        event.event_id,
+        event.stamp_ns,
+        valid=False,
+        reason=reason,
+        method=METHOD,
+        channel=channel,
+    )
+
+
+def _one_oscillation(
+    event: ImpactEvent, row: int, free: _FreePart, settings: FitterSettings
+) -> tuple[SensorParameters, bool]:
+    """The fit of one oscillation, and whether there may be several instead.
+
+    Raises EstimationError where no span of the free part is one oscillation.
+    """
+    values, factor = average_blocks(free.samples, free.rate)
+    rate, step = free.rate / factor, factor * free.stride
+    vibration = choose_span(values, rate, earliest=0.0 if event.contacts else None)
     span = values[vibration.start : vibration.stop]
-    terms = _amplitude_term(span, rate, vibration)
-    frequency_term, damping_term = terms or (math.nan, math.nan)
     fit = vibration.fit
+    dependence = _dependence(span, rate, vibration)
+    frequency_term, damping_term = _amplitude_terms(vibration, dependence)
     natural = _widened(fit.natural_frequency, frequency_term)
     zeta = _widened(fit.damping_ratio, damping_term)
     covariance = float(fit.covariance[0, 1])
-    reason = _doubt(event.channels[row], span, vibration, natural, zeta, settings)
-    span_samples = samples[vibration.start * factor : vibration.stop * factor]
+    second = _second_mode(span, fit)
+    several = second is not None and second[1] > settings.largest_second_mode * fit.amplitude.value
+    if several and second is not None:
+        reason = (
+            f'several modes: beside {fit.damped_frequency.value:.4g} Hz there is one of '
+            f'{second[0]:.4g} Hz with {second[1] / fit.amplitude.value:.0%} of its amplitude'
+        )
+    else:
+        reason = _doubt(event.channels[row], vibration, dependence, natural, zeta, settings)
+    span_samples = free.samples[vibration.start * factor : vibration.stop * factor]
     amplitude, r_squared, rmse = _at_full_rate(fit, span_samples, factor)
     result = SensorParameters(
         event.event_id,
@@ -105,8 +152,8 @@ def estimate_sensor(
         reason=reason,
         method=METHOD,
         channel=event.channels[row].name,
-        span_start=(begin + vibration.start * step) / event.sample_rate,
-        span_end=(begin + vibration.stop * step - stride) / event.sample_rate,
+        span_start=(free.begin + vibration.start * step) / event.sample_rate,
+        span_end=(free.begin + vibration.stop * step - free.stride) / event.sample_rate,
         natural_frequency=natural,
         damped_frequency=_widened(fit.damped_frequency, frequency_term),
         damping_ratio=zeta,
@@ -115,6 +162,14 @@ def estimate_sensor(
         r_squared=r_squared,
         rmse=rmse,
     )
+    if dependence is not None:
+        result = dataclasses.replace(
+            result,
+            frequency_slope=dependence.frequency_slope,
+            damping_slope=dependence.damping_slope,
+            small_amplitude_frequency=dependence.small_amplitude_frequency,
+            linearity_p_value=dependence.p_value,
+        )
     try:
         spectrum = estimate_from_spectrum(span, rate)
     except EstimationError:
@@ -126,28 +181,66 @@ def estimate_sensor(
             spectral_damping_ratio=spectrum.damping_ratio,
         )
     if reason:
-        return result
-    stiffness = _stiffness(event, settings)
-    return dataclasses.replace(
+        return result, several
+    stiffness = _stiffness(event, settings) if event.channels[row].unit == 'N' else Estimate()
+    result = dataclasses.replace(
         result,
         bandwidth=bandwidth(natural, Estimate(max(zeta.value, 0.0), zeta.std), covariance),
         stiffness=stiffness,
-        moving_mass=_moving_mass(stiffness, natural),
+        moving_mass=moving_mass(stiffness, natural),
         damping_constant=_damping_constant(stiffness, natural, zeta, covariance),
+    )
+    return result, False
+
+
+def _several_modes(event: ImpactEvent, row: int, free: _FreePart) -> SensorParameters | None:
+    """What rings where it is no one oscillation; None where modes do not explain it either."""
+    samples = free.samples[:MODAL_SAMPLES]
+    try:
+        fit = fit_modes(samples, free.rate)
+    except EstimationError:
+        return None
+    if len(fit.modes) < 2 or fit.r_squared < LEAST_EXPLAINED:
+        return None
+    first = fit.modes[0]
+    zeta = first.damping_ratio.value
+    damped = math.sqrt(1.0 - zeta**2)
+    last = free.begin + (samples.size - 1) * free.stride
+    return SensorParameters(
+        event.event_id,
+        event.stamp_ns,
+        valid=False,
+        reason=f'{len(fit.modes)} modes ring: no sensor of one degree of freedom',
+        method=MODAL_METHOD,
+        channel=event.channels[row].name,
+        span_start=free.begin / event.sample_rate,
+        span_end=last / event.sample_rate,
+        natural_frequency=first.natural_frequency,
+        damped_frequency=Estimate(
+            first.natural_frequency.value * damped, first.natural_frequency.std * damped
+        ),
+        damping_ratio=first.damping_ratio,
+        amplitude=first.amplitude,
+        r_squared=fit.r_squared,
+        rmse=fit.rmse,
+        modes=fit.modes,
     )
 
 
 def _channel_name(event: ImpactEvent, settings: FitterSettings) -> str:
+    """The channel to fit: a hammer's own force is what makes the others ring."""
     if settings.channel or not event.channels:
         return settings.channel
-    return event.channels[0].name
+    names = [channel.name for channel in event.channels]
+    return next((name for name in names if name != HAMMER), names[0])
 
 
-def _force_row(event: ImpactEvent, settings: FitterSettings) -> int:
+def _response_row(event: ImpactEvent, settings: FitterSettings) -> int:
     """The channel to fit; raises where the event as a whole cannot tell."""
-    row = event.index_of(settings.channel) if settings.channel else 0
-    if row is None or not event.channels:
-        raise _CannotTell(f'the event has no channel {settings.channel!r}')
+    name = _channel_name(event, settings)
+    row = event.index_of(name)
+    if row is None:
+        raise _CannotTell(f'the event has no channel {name!r}')
     if Quality.HELD in event.quality:
         raise _CannotTell(
             'the impactor stayed on the plate: they oscillate together, not the sensor alone'
@@ -161,8 +254,8 @@ def _force_row(event: ImpactEvent, settings: FitterSettings) -> int:
     return row
 
 
-def _free_part(event: ImpactEvent, row: int, settings: FitterSettings) -> tuple[Array, int, int]:
-    """Samples after the last contact at the channel's own rate; first index, stride."""
+def _free_part(event: ImpactEvent, row: int, settings: FitterSettings) -> _FreePart:
+    """What follows the last contact; raises where it cannot be fitted."""
     grid = event.sample_rate
     if not (math.isfinite(grid) and grid > 0):
         raise _CannotTell(f'the sample rate is {grid!r} Hz')
@@ -189,7 +282,7 @@ def _free_part(event: ImpactEvent, row: int, settings: FitterSettings) -> tuple[
             f'channel {channel.name!r} is clipped after the last contact '
             f'(range {channel.range_min:g} to {channel.range_max:g} {channel.unit})'
         )
-    return values, begin, step
+    return _FreePart(values, begin, step, grid / step)
 
 
 def _at_full_rate(
@@ -210,25 +303,35 @@ def _at_full_rate(
     return amplitude, 1.0 - power / float(np.var(samples)), math.sqrt(power)
 
 
-def _amplitude_term(
-    span: Array, rate: float, vibration: FreeVibration
-) -> tuple[float, float] | None:
+def _dependence(span: Array, rate: float, vibration: FreeVibration) -> AmplitudeDependence | None:
+    """How frequency and damping vary along the decay; None where it is too short to tell."""
+    try:
+        return amplitude_dependence(span, rate, fit=vibration.fit)
+    except EstimationError:
+        return None
+
+
+def _depends(vibration: FreeVibration, dependence: AmplitudeDependence) -> bool:
+    return not vibration.consistent or dependence.p_value <= SIGNIFICANT_DEPENDENCE
+
+
+def _amplitude_terms(
+    vibration: FreeVibration, dependence: AmplitudeDependence | None
+) -> tuple[float, float]:
     """Standard uncertainties of frequency (Hz) and damping ratio for a plate that is not linear.
 
     What varies along the decay is no noise. Where it does so significantly, or where the span
     failed its tests, the linear sensor's values may lie as far away as the limits of large and
-    small amplitude; None where the record is too short to tell them.
+    small amplitude; NaN where the record is too short to tell them.
     """
-    fit = vibration.fit
-    try:
-        local = amplitude_dependence(span, rate, fit=fit)
-    except EstimationError:
-        return (0.0, 0.0) if vibration.consistent else None
-    if vibration.consistent and local.p_value > SIGNIFICANT_DEPENDENCE:
+    if dependence is None:
+        return (0.0, 0.0) if vibration.consistent else (math.nan, math.nan)
+    if not _depends(vibration, dependence):
         return 0.0, 0.0
+    fit = vibration.fit
     return (
-        max(abs(limit - fit.natural_frequency.value) for limit in local.linear_frequency),
-        max(abs(limit - fit.damping_ratio.value) for limit in local.viscous_damping),
+        max(abs(f - fit.natural_frequency.value) for f in dependence.linear_frequency),
+        max(abs(z - fit.damping_ratio.value) for z in dependence.viscous_damping),
     )
 
 
@@ -238,8 +341,8 @@ def _widened(estimate: Estimate, term: float) -> Estimate:
 
 def _doubt(
     channel: Channel,
-    span: Array,
     vibration: FreeVibration,
+    dependence: AmplitudeDependence | None,
     natural: Estimate,
     zeta: Estimate,
     settings: FitterSettings,
@@ -247,34 +350,34 @@ def _doubt(
     """Why the fit is not the sensor's; empty where it may be trusted."""
     fit = vibration.fit
     snr = fit.amplitude.value / fit.rmse if fit.rmse > 0 else math.inf
-    second = _second_mode(span, fit)
-    if channel.unit != 'N':
-        return f'channel {channel.name!r} is in {channel.unit!r}, not a force in N'
     if fit.periods < settings.fewest_periods:
         return f'the span holds {fit.periods:.1f} periods; {settings.fewest_periods:g} are needed'
-    if snr < settings.least_snr:
+    if snr < settings.least_snr and not (dependence and _depends(vibration, dependence)):
         return f'the oscillation is {snr:.1f} times the noise; {settings.least_snr:g} are needed'
-    if second is not None and second[1] > settings.largest_second_mode * fit.amplitude.value:
-        return (
-            f'several modes: beside {fit.damped_frequency.value:.4g} Hz there is one of '
-            f'{second[0]:.4g} Hz with {second[1] / fit.amplitude.value:.0%} of its amplitude'
-        )
     if math.isnan(zeta.std):
         return 'the vibration is not that of a linear sensor, and too short to see why'
     if zeta.value < -3.0 * zeta.std:
         return f'the oscillation grows (damping ratio {zeta.value:.3g}): it is driven, not free'
+    vague = ''
     if not zeta.std <= settings.largest_std * max(abs(zeta.value), 1e-3):
-        cause = '' if vibration.consistent else ': the vibration is not that of a linear sensor'
-        return (
+        vague = (
             f'damping ratio {zeta.value:.3g} with a standard uncertainty of {zeta.std:.2g} '
-            f'tells too little{cause}'
+            'tells too little'
         )
-    if not natural.std <= 0.05 * natural.value:
-        return (
+    elif not natural.std <= LARGEST_FREQUENCY_STD * natural.value:
+        vague = (
             f'natural frequency {natural.value:.4g} Hz with a standard uncertainty of '
             f'{natural.std:.2g} Hz tells too little'
         )
-    return ''
+    if vague and dependence is not None and _depends(vibration, dependence):
+        amplitude, frequency = dependence.amplitude, dependence.frequency
+        damping = dependence.damping_ratio
+        return (
+            f'no linear oscillator: from {amplitude[0]:.3g} to {amplitude[-1]:.3g} '
+            f'{channel.unit} its frequency goes from {frequency[0]:.4g} to {frequency[-1]:.4g} '
+            f'Hz, its damping ratio from {damping[0]:.3g} to {damping[-1]:.3g}'
+        )
+    return vague
 
 
 def _second_mode(span: Array, fit: model.FreeOscillationFit) -> tuple[float, float] | None:
@@ -302,8 +405,8 @@ def _stiffness(event: ImpactEvent, settings: FitterSettings) -> Estimate:
     return Estimate(settings.spring_stiffness, settings.spring_stiffness_std)
 
 
-def _moving_mass(stiffness: Estimate, natural: Estimate) -> Estimate:
-    """Mass k / wn²; the uncertainty is NaN where the stiffness's is not known."""
+def moving_mass(stiffness: Estimate, natural: Estimate) -> Estimate:
+    """Moving mass k / wn², kg; its uncertainty is NaN where the stiffness's is not known."""
     mass = stiffness.value / (model.TWO_PI * natural.value) ** 2
     relative = math.hypot(stiffness.std / stiffness.value, 2.0 * natural.std / natural.value)
     return Estimate(mass, mass * relative)

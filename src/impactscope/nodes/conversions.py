@@ -40,6 +40,15 @@ def _estimate(value: records.Estimate) -> msg.Estimate:
     return msg.Estimate(value=float(value.value), std=float(value.std))
 
 
+def _mode(value: records.Mode) -> msg.Mode:
+    return msg.Mode(**{name: _estimate(getattr(value, name)) for name in _names(value)})
+
+
+def _mode_record(value: msg.Mode) -> records.Mode:
+    estimates = (getattr(value, item.name) for item in dataclasses.fields(records.Mode))
+    return records.Mode(*(records.Estimate(e.value, e.std) for e in estimates))
+
+
 def _channel(value: records.Channel) -> msg.Channel:
     return msg.Channel(
         name=value.name,
@@ -231,6 +240,8 @@ def _result(record: Any, message: Any) -> Any:
             setattr(message, name, _estimate(value))
         elif isinstance(value, records.TestPoint):
             message.test_point = _test_point(value)
+        elif name == 'modes':
+            message.modes = [_mode(mode) for mode in value]
         elif isinstance(value, tuple):
             setattr(message, name, list(value))
         else:
@@ -250,6 +261,8 @@ def _result_record(kind: type[Any], message: Any) -> Any:
             value = records.Estimate(value.value, value.std)
         elif isinstance(value, msg.TestPoint):
             value = _test_point_record(value)
+        elif item.name == 'modes':
+            value = tuple(_mode_record(mode) for mode in value)
         elif item.name in {'event_ids', 'reasons'}:
             value = tuple(value)
         values[item.name] = value
@@ -265,6 +278,7 @@ _TO_MESSAGE: dict[type, Any] = {
     records.ImpactEvent: _event,
     records.TestPoint: _test_point,
     records.SensorParameters: lambda record: _result(record, msg.SensorParameters()),
+    records.SensorSummary: lambda record: _result(record, msg.SensorSummary()),
     records.ImpactParameters: lambda record: _result(record, msg.ImpactParameters()),
     records.ComplianceVerdict: lambda record: _result(record, msg.ComplianceVerdict()),
 }
@@ -274,6 +288,7 @@ _TO_RECORD: dict[type, Any] = {
     msg.ImpactEvent: _event_record,
     msg.TestPoint: _test_point_record,
     msg.SensorParameters: lambda m: _result_record(records.SensorParameters, m),
+    msg.SensorSummary: lambda m: _result_record(records.SensorSummary, m),
     msg.ImpactParameters: lambda m: _result_record(records.ImpactParameters, m),
     msg.ComplianceVerdict: lambda m: _result_record(records.ComplianceVerdict, m),
 }

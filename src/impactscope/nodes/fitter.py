@@ -1,6 +1,7 @@
 """Node: what each blow tells about sensor and impactor.
 
-Topic ``events`` in; ``sensor_parameters`` and ``impact_parameters`` out, latched.
+Topic ``events`` in; ``sensor_parameters``, ``impact_parameters`` and, of all blows together,
+``sensor_summary`` out, latched.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from impactscope.estimate import (
     Fitter,
     FitterSettings,
     ImpactSettings,
+    RepeatedBlows,
     estimate_impact,
 )
 from impactscope.nodes import qos
@@ -39,6 +41,10 @@ class FitterNode(StageNode):
         self._impact_publisher = self.create_publisher(
             msg.ImpactParameters, 'impact_parameters', qos.LATCHED
         )
+        self._repeated = RepeatedBlows()
+        self._summary_publisher = self.create_publisher(
+            msg.SensorSummary, 'sensor_summary', qos.LATCHED
+        )
         # A fit takes longer than a judgement, and nobody may have to wait for it: it is put off.
         self._waiting: deque[msg.ImpactEvent] = deque()
         self._timer = self.create_timer(0.002, self._fit_next, clock=STEADY)
@@ -62,6 +68,8 @@ class FitterNode(StageNode):
             self._sensor_publisher.publish(to_message(sensor))
             impact = estimate_impact(event, sensor, self._impact)
             self._impact_publisher.publish(to_message(impact))
+            for summary in self._repeated.push(sensor):
+                self._summary_publisher.publish(to_message(summary))
             self.published += 1
 
     def finish(self) -> None:

@@ -33,6 +33,7 @@ TOPICS = {
     'synced_until': Topic(Time, qos.SAMPLES),
     'events': Topic(msg.ImpactEvent, qos.EVENTS),
     'sensor_parameters': Topic(msg.SensorParameters, qos.LATCHED),
+    'sensor_summary': Topic(msg.SensorSummary, qos.LATCHED),
     'impact_parameters': Topic(msg.ImpactParameters, qos.LATCHED),
     'verdict': Topic(msg.ComplianceVerdict, qos.LATCHED),
     'model_mismatch': Topic(msg.ModelMismatch, qos.LATCHED),

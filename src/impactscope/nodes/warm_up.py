@@ -6,6 +6,7 @@ import numpy as np
 
 from impactscope.detect import ImpactDetector
 from impactscope.estimate import Fitter, estimate_impact
+from impactscope.estimate.modes import fit_modes
 from impactscope.records import Channel, ImpactEvent, SampleBlock, SyncedBlock
 from impactscope.synchronise import Synchroniser, SynchroniserSettings
 
@@ -42,7 +43,8 @@ def warm_up_detector() -> list[ImpactEvent]:
 
 
 def warm_up_fitter() -> None:
-    """Fit a blow."""
+    """Fit a blow, as one oscillation and as modes."""
+    fit_modes(_blow()[round(RATE) :], RATE)
     for event in warm_up_detector():
         for sensor in Fitter().push(event):
             estimate_impact(event, sensor)

@@ -17,6 +17,7 @@ from impactscope.report.event_report import (
     force_rows,
     region_words,
     report_event,
+    sensor_summary_rows,
     test_point_rows,
 )
 from impactscope.report.numbers import NOT_KNOWN, format_given, format_number, format_stamp
@@ -143,6 +144,7 @@ def render_report(result: AnalysisResult) -> str:
         profile=_named_once([v.measurement_profile for v in verdicts]),
         decision_rule=_named_once([v.decision_rule for v in verdicts]),
         events=events,
+        sensor=sensor_summary_rows(result.sensor) if result.sensor is not None else (),
         test_points=[_test_point(verdict, result) for verdict in result.test_points],
         channels=[
             (

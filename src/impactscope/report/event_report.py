@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from impactscope.errors import InputError
+from impactscope.estimate import highest_speed
 from impactscope.records import (
     ComplianceVerdict,
     Estimate,
@@ -16,6 +17,7 @@ from impactscope.records import (
     ImpactEvent,
     ImpactParameters,
     SensorParameters,
+    SensorSummary,
     TestPoint,
 )
 from impactscope.report.event_figures import event_figures
@@ -30,6 +32,7 @@ from impactscope.report.numbers import (
     format_stamp,
 )
 from impactscope.report.plain_text import printable
+from impactscope.report.ring_down import has_fit
 from impactscope.report.verdict_words import (
     CONTACT_WORDS,
     VerdictWords,
@@ -43,6 +46,7 @@ __all__ = [
     'force_rows',
     'region_words',
     'report_event',
+    'sensor_summary_rows',
     'test_point_rows',
 ]
 
@@ -87,6 +91,7 @@ class EventReport:
     impact: tuple[Quantity, ...]
     impact_note: str
     sensor: tuple[Quantity, ...]
+    modes: tuple[tuple[Quantity, ...], ...]
     sensor_note: str
     quality: tuple[str, ...]
     channel_quality: tuple[tuple[str, str], ...]
@@ -204,8 +209,8 @@ def _contact_rows(event: ImpactEvent) -> tuple[tuple[str, ...], ...]:
     return tuple(rows)
 
 
-def _impact_rows(impact: ImpactParameters) -> tuple[Quantity, ...]:
-    return (
+def _impact_rows(impact: ImpactParameters, verdict: ComplianceVerdict) -> tuple[Quantity, ...]:
+    rows = [
         format_quantity('Peak force, as measured', impact.peak_force, 'N'),
         format_quantity('Peak contact force, reconstructed', impact.peak_contact_force, 'N'),
         format_quantity('Duration of first contact', impact.contact_time, 'ms', scale=1e3),
@@ -213,7 +218,14 @@ def _impact_rows(impact: ImpactParameters) -> tuple[Quantity, ...]:
         format_quantity('Speed at first contact', impact.impact_speed, 'm/s'),
         format_quantity('Effective mass of the impactor', impact.effective_mass, 'kg'),
         format_quantity('Energy stored in the spring', impact.transferred_energy, 'J'),
+    ]
+    further = (
+        ('Frequency of plate and impactor together', impact.coupled_frequency, 'Hz'),
+        ('Mass of the impactor, from that frequency', impact.coupled_mass, 'kg'),
+        ('Speed at which the transient limit is reached', highest_speed(impact, verdict), 'm/s'),
     )
+    rows += [format_quantity(*row) for row in further if math.isfinite(row[1].value)]
+    return tuple(rows)
 
 
 def _sensor_rows(sensor: SensorParameters, unit: str) -> tuple[Quantity, ...]:
@@ -230,10 +242,52 @@ def _sensor_rows(sensor: SensorParameters, unit: str) -> tuple[Quantity, ...]:
         format_quantity('Frequency from the spectrum', sensor.spectral_frequency, 'Hz'),
         format_quantity('Damping ratio from the spectrum', sensor.spectral_damping_ratio, ''),
     ]
+    if math.isfinite(sensor.linearity_p_value):
+        rows += [
+            format_quantity(
+                'Frequency at small amplitude', sensor.small_amplitude_frequency, 'Hz'
+            ),
+            format_quantity('Change of frequency per e-fold', sensor.frequency_slope, 'Hz'),
+            format_quantity('Change of damping ratio per e-fold', sensor.damping_slope, ''),
+        ]
+        text = format_number(sensor.linearity_p_value, 2)
+        rows.append(Quantity('Chance of such changes if linear', text, '', ''))
     if math.isfinite(sensor.r_squared):
         rows.append(Quantity('R² of the fit', format_number(sensor.r_squared, 5), '', ''))
     if math.isfinite(sensor.rmse):
         rows.append(Quantity('RMSE of the fit', format_number(sensor.rmse, 3), '', unit))
+    return tuple(rows)
+
+
+def _mode_rows(sensor: SensorParameters, unit: str) -> tuple[tuple[Quantity, ...], ...]:
+    """Frequency, damping ratio and amplitude of each mode."""
+    return tuple(
+        (
+            format_quantity('Natural frequency', mode.natural_frequency, 'Hz'),
+            format_quantity('Damping ratio', mode.damping_ratio, ''),
+            format_quantity('Amplitude', mode.amplitude, unit),
+        )
+        for mode in sensor.modes
+    )
+
+
+def sensor_summary_rows(summary: SensorSummary) -> tuple[Quantity, ...]:
+    """What all blows tell of the sensor together, row by row."""
+    rows = [
+        format_quantity('Natural frequency', summary.natural_frequency, 'Hz'),
+        format_quantity('Damping ratio', summary.damping_ratio, ''),
+    ]
+    if math.isfinite(summary.moving_mass.value):
+        rows.append(format_quantity('Moving mass', summary.moving_mass, 'kg'))
+    text = format_number(summary.scatter_p_value, 2)
+    rows.append(Quantity('Chance of such scatter on one linear sensor', text, '', ''))
+    if math.isfinite(summary.linearity_p_value):
+        rows += [
+            format_quantity('Change of frequency per e-fold', summary.frequency_slope, 'Hz'),
+            format_quantity('Change of damping ratio per e-fold', summary.damping_slope, ''),
+        ]
+        text = format_number(summary.linearity_p_value, 2)
+        rows.append(Quantity('Chance of such changes if linear', text, '', ''))
     return tuple(rows)
 
 
@@ -298,13 +352,19 @@ def report_event(
         contacts=_contact_rows(event),
         contact_unit=event.channels[0].unit if event.channels else '',
         more_contacts=max(len(event.contacts) - MOST_CONTACTS, 0),
-        impact=_impact_rows(result.impact) if result.impact.valid else (),
+        impact=_impact_rows(result.impact, verdict) if result.impact.valid else (),
         impact_note=_note(
             result.impact.valid, result.impact.reason, result.impact.method, 'Not estimated'
         ),
-        sensor=_sensor_rows(result.sensor, unit) if result.sensor.valid else (),
+        sensor=()
+        if result.sensor.modes or not has_fit(result.sensor)
+        else _sensor_rows(result.sensor, unit),
+        modes=_mode_rows(result.sensor, unit),
         sensor_note=_note(
-            result.sensor.valid, result.sensor.reason, result.sensor.method, 'Not identified'
+            result.sensor.valid,
+            result.sensor.reason,
+            result.sensor.method,
+            'Not the constants of a sensor' if has_fit(result.sensor) else 'Not identified',
         ),
         quality=tuple(quality_sentences(event.quality)),
         channel_quality=tuple(

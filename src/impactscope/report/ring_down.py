@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from impactscope.records import ImpactEvent, SensorParameters
 
-__all__ = ['RingDown', 'Spectrum', 'amplitude_spectrum', 'redraw_ring_down']
+__all__ = ['RingDown', 'Spectrum', 'amplitude_spectrum', 'has_fit', 'redraw_ring_down']
 
 FEWEST_SAMPLES = 16
 ZERO_PADDING = 4  # finer steps of frequency for the eye; adds no information
@@ -22,7 +22,7 @@ class RingDown:
 
     time: NDArray[np.float64]  # s after the window's start
     measured: NDArray[np.float64]
-    fitted: NDArray[np.float64] | None  # None where the fit is not valid
+    fitted: NDArray[np.float64] | None  # None where nothing was fitted
     unit: str
     sample_rate: float  # Hz
 
@@ -36,12 +36,18 @@ class Spectrum:
     resolution: float  # Hz, half-height width of the window's main lobe
 
 
+def has_fit(sensor: SensorParameters) -> bool:
+    """Whether there is a fit worth drawing: valid, or beside the reason why it is no sensor's."""
+    return sensor.valid or bool(sensor.modes) or math.isfinite(sensor.linearity_p_value)
+
+
 def redraw_ring_down(event: ImpactEvent, sensor: SensorParameters) -> RingDown | None:
     """The span of the fit, or from the last contact to rest where nothing was fitted.
 
     The fitted curve is drawn from the natural frequency, damping ratio and damped frequency
-    of the record (Samarathunga et al. 2024, eq. 26 and 27); amplitude, phase and offset follow
-    by linear least squares over the span, as the nonlinear fit's own do at its optimum.
+    of the record (Samarathunga et al. 2024, eq. 26 and 27), or those of each mode; amplitudes,
+    phases and offset follow by linear least squares over the span, as the nonlinear fit's own do
+    at its optimum.
     None where the event has fewer than 16 finite samples there.
     """
     row = event.index_of(sensor.channel) if sensor.channel else 0
@@ -62,7 +68,7 @@ def redraw_ring_down(event: ImpactEvent, sensor: SensorParameters) -> RingDown |
         return None
     zero = event.zero_level[row] if row < len(event.zero_level) else math.nan
     values = values - (zero if math.isfinite(zero) else 0.0)
-    fitted = _fitted(time, values, finite, sensor) if sensor.valid else None
+    fitted = _fitted(time, values, finite, sensor) if has_fit(sensor) else None
     return RingDown(time, values, fitted, event.channels[row].unit, rate)
 
 
@@ -72,17 +78,30 @@ def _fitted(
     finite: NDArray[np.bool_],
     sensor: SensorParameters,
 ) -> NDArray[np.float64] | None:
-    decay = math.tau * sensor.natural_frequency.value * sensor.damping_ratio.value  # 1/s
-    damped = math.tau * sensor.damped_frequency.value  # rad/s
     t = time - time[0]
-    if not (math.isfinite(decay) and math.isfinite(damped)) or abs(decay) * t[-1] > 100.0:
-        return None
-    envelope = np.exp(-decay * t)
-    design = np.stack([envelope * np.cos(damped * t), envelope * np.sin(damped * t)], axis=1)
-    design = np.column_stack([design, np.ones_like(t)])
+    columns = [np.ones_like(t)]
+    for decay, damped in _poles(sensor):
+        if not (math.isfinite(decay) and math.isfinite(damped)) or -decay * t[-1] > 100.0:
+            return None
+        wave = np.exp(-decay * t + 1j * damped * t)
+        columns += [wave.real, wave.imag]
+    design = np.stack(columns, axis=1)
     solution = np.linalg.lstsq(design[finite], values[finite], rcond=None)[0]
     curve: NDArray[np.float64] = design @ solution
     return curve
+
+
+def _poles(sensor: SensorParameters) -> list[tuple[float, float]]:
+    """Decay in 1/s and damped angular frequency in rad/s of what was fitted."""
+    wn = math.tau * sensor.natural_frequency.value
+    damped = math.tau * sensor.damped_frequency.value
+    poles = [(wn * sensor.damping_ratio.value, damped)]
+    if sensor.modes:
+        poles = []
+        for mode in sensor.modes:
+            wn, ratio = math.tau * mode.natural_frequency.value, mode.damping_ratio.value
+            poles.append((wn * ratio, wn * math.sqrt(1.0 - ratio**2)))
+    return poles
 
 
 def amplitude_spectrum(ring_down: RingDown) -> Spectrum | None:

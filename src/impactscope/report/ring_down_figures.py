@@ -10,7 +10,12 @@ from impactscope.records import ImpactEvent, SensorParameters
 from impactscope.report.event_time import event_clock, first_finite
 from impactscope.report.figure import Dot, Figure, Rule, Series
 from impactscope.report.numbers import format_number
-from impactscope.report.ring_down import RingDown, amplitude_spectrum, redraw_ring_down
+from impactscope.report.ring_down import (
+    RingDown,
+    amplitude_spectrum,
+    has_fit,
+    redraw_ring_down,
+)
 
 __all__ = ['ring_down_figures']
 
@@ -30,6 +35,9 @@ def _fit_figures(
     # The fit stands out from noise only before a paler curve.
     measured = Series('measured', t, ring_down.measured, 'pale', CURVE_POINTS)
     figures = []
+    curve = (
+        f'sum of {len(sensor.modes)} fitted modes' if sensor.modes else 'fitted decaying cosine'
+    )
     if ring_down.fitted is not None:
         residual = ring_down.measured - ring_down.fitted
         finite = residual[np.isfinite(residual)]
@@ -37,8 +45,8 @@ def _fit_figures(
         figures.append(
             Figure(
                 title='Free oscillation and fit',
-                description=f'Measured free oscillation with the fitted decaying cosine over '
-                f'it; root mean square residual {format_number(rms, 3)} {ring_down.unit}.',
+                description=f'Measured free oscillation with the {curve} over it; root '
+                f'mean square residual {format_number(rms, 3)} {ring_down.unit}.',
                 x_label='Time after first contact',
                 x_unit=clock.unit,
                 y_label=label,
@@ -46,11 +54,11 @@ def _fit_figures(
                 x_range=clock.x_range,
                 series=(
                     measured,
-                    Series('fitted decaying cosine', t, ring_down.fitted, 'fit', CURVE_POINTS),
+                    Series(curve, t, ring_down.fitted, 'fit', CURVE_POINTS),
                 ),
                 height=210,
                 caption=(
-                    'Drawn from the fitted frequency and damping ratio; amplitude, phase and '
+                    'Drawn from the fitted frequencies and damping ratios; amplitudes, phases and '
                     'offset by linear least squares over the span.',
                 ),
             )
@@ -81,16 +89,23 @@ def _spectrum_figure(sensor: SensorParameters, ring_down: RingDown) -> Figure | 
     spectrum = amplitude_spectrum(ring_down)
     if spectrum is None or not spectrum.amplitude.max() > 0:
         return None
-    fitted = sensor.damped_frequency.value if sensor.valid else math.nan
+    fitted = sensor.damped_frequency.value if has_fit(sensor) else math.nan
     peak = sensor.spectral_frequency.value
     nyquist = float(spectrum.frequency[-1])
     upper = min(nyquist, 6.0 * first_finite(fitted, peak, UNFITTED_HIGHEST / 6.0))
+    if sensor.modes:
+        upper = min(nyquist, 1.2 * max(mode.natural_frequency.value for mode in sensor.modes))
     if upper <= 0:
         return None
     rules: tuple[Rule, ...] = ()
     if math.isfinite(fitted):
         name = f'fitted damped frequency, {format_number(fitted)} Hz'
         rules = (Rule(fitted, name, 'fit'),)
+    if sensor.modes:
+        rules = tuple(
+            Rule(mode.natural_frequency.value, f'mode {number}', 'fit')
+            for number, mode in enumerate(sensor.modes, start=1)
+        )
     dots: tuple[Dot, ...] = ()
     dot_name = ''
     if math.isfinite(peak) and 0 < peak <= upper:
@@ -100,7 +115,7 @@ def _spectrum_figure(sensor: SensorParameters, ring_down: RingDown) -> Figure | 
     shown = spectrum.frequency <= upper
     return Figure(
         title='Amplitude spectrum of the free oscillation'
-        if sensor.valid
+        if has_fit(sensor)
         else 'Amplitude spectrum after the last contact',
         description='Amplitude over frequency with the fitted frequency marked: '
         + ('; '.join([*(r.name for r in rules), *(d.name for d in dots)]) or 'no peak was fitted')
@@ -128,7 +143,7 @@ def _spectrum_figure(sensor: SensorParameters, ring_down: RingDown) -> Figure | 
 
 
 def ring_down_figures(event: ImpactEvent, sensor: SensorParameters) -> list[Figure]:
-    """Fit and residual where the fit is valid, the spectrum where no sample is missing."""
+    """Fit and residual where there is a fit, the spectrum where no sample is missing."""
     ring_down = redraw_ring_down(event, sensor)
     if ring_down is None:
         return []
