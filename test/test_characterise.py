@@ -2,6 +2,7 @@
 
 import json
 import math
+import struct
 
 import numpy as np
 import pytest
@@ -133,6 +134,56 @@ def test_recording_and_columns_give_the_same(tmp_path):
         if isinstance(a, list):
             a, b = a[0]['viscosity'], b[0]['viscosity']
         assert a['value'] == pytest.approx(b['value'], rel=1e-4)  # recordings hold float32
+
+
+def stamped(stamp_ns, doubles):
+    """A stamped standard message of doubles, CDR, little endian."""
+    frame = b'machine\x00'
+    head = struct.pack('<4xiII', *divmod(stamp_ns, 10**9), len(frame))
+    data = head.replace(b'\0' * 4, b'\0\1\0\0', 1) + frame
+    return data + bytes(-(len(data) - 4) % 8) + struct.pack(f'<{len(doubles)}d', *doubles)
+
+
+def write_topics(path, time, u, force):
+    """A recording with one message a sample, as any ROS driver of a machine writes it."""
+    with RecordingWriter(path) as writer:
+        for t, x, f in zip(time, u, force, strict=True):
+            ns = 10**18 + round(1e9 * t)
+            load, place = stamped(ns, [0, 0, f, 0, 0, 0]), stamped(ns, [0, 0, x])
+            writer.write('/machine/load', 'geometry_msgs/msg/WrenchStamped', load, ns)
+            writer.write('/machine/crosshead', 'geometry_msgs/msg/PointStamped', place, ns)
+    return path
+
+
+TOPICS = (
+    'wrench /machine/load force.z force',
+    'point /machine/crosshead point.z displacement.crosshead',
+)
+
+
+def test_topics_with_one_sample_a_message_are_read_by_name(tmp_path):
+    file = write_topics(tmp_path / 'topics.mcap', *spring())
+    code, found, _ = run('spring', tmp_path, file, inputs=TOPICS)
+    assert code == 0
+    table = write_csv(tmp_path / 'spring.csv', *spring())
+    _, other, _ = run('spring', tmp_path, table, mapping=MAPPING)
+    assert found['stiffness']['value'] == pytest.approx(other['stiffness']['value'], rel=1e-4)
+
+
+def test_a_topic_that_is_not_named_or_not_there_is_said(tmp_path):
+    file = write_topics(tmp_path / 'topics.mcap', *spring())
+    with pytest.raises(MissingChannelError, match='--input .point TOPIC point.z'):
+        main('spring', file, silent(tmp_path))
+    with pytest.raises(MissingChannelError, match='/elsewhere'):
+        main(
+            'spring',
+            file,
+            silent(tmp_path),
+            inputs=(TOPICS[0], 'point /elsewhere point.z displacement.crosshead'),
+        )
+    with pytest.raises(ConfigurationError, match='no topics'):
+        table = write_csv(tmp_path / 'spring.csv', *spring())
+        main('spring', table, silent(tmp_path), mapping=MAPPING, inputs=TOPICS)
 
 
 def test_reversed_signs_are_turned_round_and_said(tmp_path):

@@ -135,6 +135,10 @@ StaticFile = Annotated[
     Path,
     typer.Argument(help='Recording, or a file of columns, with force and displacement.'),
 ]
+ForceChannel = Annotated[str, typer.Option('--force', help='Channel of the force.')]
+DisplacementChannel = Annotated[
+    str, typer.Option('--displacement', help='Channel of the displacement.')
+]
 Touch = Annotated[
     float, typer.Option('--touch', help='Displacement at which the force begins, mm.')
 ]
@@ -436,6 +440,9 @@ def spring(
     time_column: TimeColumn = '',
     sample_rate: SampleRate = None,
     skip_rows: SkipRows = None,
+    inputs: Inputs = None,
+    force_channel: ForceChannel = 'force',
+    displacement_channel: DisplacementChannel = 'displacement.crosshead',
     touch: Touch = 0.0,
     force_uncertainty: ForceUncertainty = 0.005,
     displacement_uncertainty: DisplacementUncertainty = 0.005,
@@ -463,6 +470,9 @@ def spring(
         file,
         out,
         mapping=_mapping(mapping, channel, time_column, sample_rate, skip_rows),
+        inputs=tuple(inputs or ()),
+        force=force_channel,
+        displacement=displacement_channel,
         touch=1e-3 * touch,
         force_uncertainty=force_uncertainty,
         displacement_uncertainty=displacement_uncertainty,
@@ -482,6 +492,9 @@ def damper(
     time_column: TimeColumn = '',
     sample_rate: SampleRate = None,
     skip_rows: SkipRows = None,
+    inputs: Inputs = None,
+    force_channel: ForceChannel = 'force',
+    displacement_channel: DisplacementChannel = 'displacement.crosshead',
     touch: Touch = 0.0,
     force_uncertainty: ForceUncertainty = 0.005,
     displacement_uncertainty: DisplacementUncertainty = 0.005,
@@ -491,7 +504,11 @@ def damper(
     json_file: Json = None,
     report: Report = None,
 ) -> None:
-    """Stiffness and damping constants of a damper layer from cyclic ramps."""
+    """Stiffness and damping constants of a damper layer from cyclic ramps.
+
+    Example: impactscope characterise damper test.mcap --input 'wrench /machine/load force.z force'
+    --input 'point /machine/crosshead point.z displacement.crosshead'
+    """
     from impactscope.characterise import main as run
 
     code = run(
@@ -499,6 +516,9 @@ def damper(
         file,
         out,
         mapping=_mapping(mapping, channel, time_column, sample_rate, skip_rows),
+        inputs=tuple(inputs or ()),
+        force=force_channel,
+        displacement=displacement_channel,
         touch=1e-3 * touch,
         force_uncertainty=force_uncertainty,
         displacement_uncertainty=displacement_uncertainty,

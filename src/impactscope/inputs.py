@@ -23,6 +23,7 @@ _KINDS = {
     'wrench': ('geometry_msgs/msg/WrenchStamped', 'wrench.'),
     'accel': ('geometry_msgs/msg/AccelStamped', 'accel.'),
     'imu': ('sensor_msgs/msg/Imu', ''),
+    'point': ('geometry_msgs/msg/PointStamped', ''),
 }
 _UNITS = {
     'force': 'N',
@@ -31,6 +32,7 @@ _UNITS = {
     'linear_acceleration': 'm/s^2',
     'angular': 'rad/s^2',
     'angular_velocity': 'rad/s',
+    'point': 'm',
 }
 
 
@@ -38,7 +40,7 @@ _UNITS = {
 class Input:
     """One component of a topic of stamped samples, and the channel it becomes."""
 
-    kind: str  # wrench, accel or imu
+    kind: str  # wrench, accel, imu or point
     topic: str
     axis: str  # such as force.z
     channel: str
@@ -75,6 +77,7 @@ def inputs_of(recording: Recording, written: Sequence[str] = ()) -> tuple[Input,
 
     By default the sensor's axis is z: ``force.z``, ``linear.z``, ``linear_acceleration.z``; one
     wrench is the channel ``force``, an acceleration is ``acceleration.<end of the topic's name>``.
+    A point may be anything: it is read where it is named.
     """
     if written:
         return tuple(Input.parse(text) for text in written)
@@ -86,7 +89,7 @@ def inputs_of(recording: Recording, written: Sequence[str] = ()) -> tuple[Input,
     wrenches = sum(topic.type == _KINDS['wrench'][0] for topic in topics)
     for topic in topics:
         kind = names.get(topic.type)
-        if kind is None:
+        if kind is None or kind == 'point':
             continue
         last = topic.name.rstrip('/').rsplit('/', 1)[-1]
         if kind == 'wrench':

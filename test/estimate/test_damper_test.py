@@ -144,3 +144,11 @@ def test_what_cannot_be_told_is_unusable():
         assert math.isnan(found.equilibrium_stiffness.value)
     with pytest.raises(InputError, match='damper test'):
         analyse_cycles(TIME, RAMPS[:-1], FORCE)
+
+
+@pytest.mark.parametrize('level', [0.0, 3.0])
+def test_a_force_that_stands_still_is_unusable(level):
+    time, u = cyclic_ramp((1e-3, 2e-3), 2e-4, 20.0)
+    found = analyse_cycles(time, u, np.full(u.size, level))
+    assert not found.valid
+    assert 'does not vary' in found.reason

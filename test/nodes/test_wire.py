@@ -1,5 +1,5 @@
 import pytest
-from geometry_msgs.msg import AccelStamped, WrenchStamped
+from geometry_msgs.msg import AccelStamped, PointStamped, WrenchStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
@@ -15,6 +15,7 @@ PATHS = [
     ('wrench', WrenchStamped, 'wrench', 'torque'),
     ('accel', AccelStamped, 'accel', 'linear'),
     ('accel', AccelStamped, 'accel', 'angular'),
+    ('point', PointStamped, '', 'point'),
     ('imu', Imu, '', 'linear_acceleration'),
     ('imu', Imu, '', 'angular_velocity'),
 ]

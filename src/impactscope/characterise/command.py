@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -38,6 +39,7 @@ def main(
     console: Console,
     *,
     mapping: ColumnMapping | None = None,
+    inputs: Sequence[str] = (),
     force: str = FORCE,
     displacement: str = DISPLACEMENT,
     touch: float = 0.0,
@@ -59,7 +61,9 @@ def main(
     ConfigurationError for values out of range or a file that cannot be written.
     """
     _check(force_uncertainty, displacement_uncertainty, tolerance, touch, branches, frequency)
-    test = read_static_test(file, mapping, force=force, displacement=displacement, touch=touch)
+    test = read_static_test(
+        file, mapping, force=force, displacement=displacement, touch=touch, inputs=inputs
+    )
     console.print(f'[bold]{escape(test.name)}[/bold]: {test.time.size} samples, '
                   f'{test.time[-1]:.4g} s')  # fmt: skip
     for note in test.notes:

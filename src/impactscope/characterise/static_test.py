@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.errors import ConfigurationError, InputError, MissingChannelError
+from impactscope.inputs import inputs_of, recorded_items, scan_channels
 from impactscope.recordings import (
     ColumnMapping,
     ColumnSpec,
     file_sha256,
     open_recording,
     read_columns,
-    read_streams,
     to_si,
 )
 from impactscope.records import NANOSECONDS, Quality, SampleBlock
@@ -53,10 +53,12 @@ def read_static_test(
     force: str = FORCE,
     displacement: str = DISPLACEMENT,
     touch: float = 0.0,
+    inputs: Sequence[str] = (),
 ) -> StaticTest:
     """Read a test from an MCAP or rosbag2 recording, or with a ``mapping`` from columns.
 
-    ``force`` and ``displacement`` name the channels; ``touch`` m is the crosshead's displacement
+    ``force`` and ``displacement`` name the channels; ``inputs`` are topics of a recording with one
+    sample a message, each as ``kind topic axis channel`` (wrench, point, ...); ``touch`` m is the crosshead's displacement
     at first touch, which becomes zero. Samples that are not finite or clipped are left out, a
     record of which both signs are reversed is turned round; ``notes`` say so. Raises
     ConfigurationError where columns are given without mapping or a unit is wrong,
@@ -67,7 +69,9 @@ def read_static_test(
     if path.is_dir() or path.suffix in _RECORDINGS:
         if mapping is not None:
             raise ConfigurationError(f'{path.name!r} is a recording: it needs no column mapping')
-        channels, notes = _from_recording(path, force, displacement)
+        channels, notes = _from_recording(path, force, displacement, inputs)
+    elif inputs:
+        raise ConfigurationError(f'{path.name!r} is no recording: it has no topics to name')
     elif mapping is None:
         raise ConfigurationError(
             f'{path.name!r} is no recording: say which columns are {force!r} and '
@@ -193,13 +197,25 @@ def _in_si(values: Array, spec: ColumnSpec, unit: str) -> Array:
     return np.asarray(values * (spec.scale * factor), np.float64)
 
 
-def _from_recording(path: Path, force: str, displacement: str) -> tuple[list[_Channel], list[str]]:
+def _from_recording(
+    path: Path, force: str, displacement: str, written: Sequence[str]
+) -> tuple[list[_Channel], list[str]]:
     wanted = {force: _UNITS[FORCE], displacement: _UNITS[DISPLACEMENT]}
     with open_recording(path, tolerate_damage=True) as recording:
+        inputs = inputs_of(recording, written)
+        present = scan_channels(recording, inputs)
+        for name, unit in wanted.items():
+            if name not in present:
+                kind = 'wrench TOPIC force.z' if unit == 'N' else 'point TOPIC point.z'
+                raise MissingChannelError(
+                    f'{path.name!r} has no channel {name!r}; its channels are '
+                    f'{", ".join(present)}. A topic with one sample a message is named as '
+                    f"--input '{kind} {name}'"
+                )
         blocks = [
             item
-            for item in read_streams(recording, {name: name for name in wanted})
-            if isinstance(item, SampleBlock) and item.values.size
+            for item in recorded_items(recording, inputs)
+            if isinstance(item, SampleBlock) and item.values.size and item.channel in wanted
         ]
         notes = [f'the recording is damaged: {damage}' for damage in recording.damage]
     if not blocks:

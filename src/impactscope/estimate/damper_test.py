@@ -208,6 +208,8 @@ def _unusable(t: Array, u: Array, f: Array) -> str:
     shortest = min(b - a for a, b in strokes)
     if shortest < 5:
         return 'the displacement is no ramp: it turns within five samples'
+    if not np.ptp(f) > 0:
+        return f'the force does not vary: {f[0]:.4g} N all along'
     if float(np.corrcoef(u, f)[0, 1]) < 0.5:
         return 'the force does not grow with the displacement: check channels and signs'
     return ''

@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 from typing import Any
 
-from geometry_msgs.msg import AccelStamped, WrenchStamped
+from geometry_msgs.msg import AccelStamped, PointStamped, WrenchStamped
 from sensor_msgs.msg import Imu
 
 from impactscope.errors import ConfigurationError, InputError
@@ -23,6 +23,7 @@ _AXES = {axis: index for index, axis in enumerate('xyz')}
 KINDS: dict[str, tuple[Any, dict[str, int]]] = {
     'wrench': (WrenchStamped, {'force': 0, 'torque': 3}),
     'accel': (AccelStamped, {'linear': 0, 'angular': 3}),
+    'point': (PointStamped, {'point': 0}),
     'imu': (Imu, {'angular_velocity': 13, 'linear_acceleration': 25}),
 }
 

@@ -36,6 +36,7 @@ _LAYOUTS = {
     'geometry_msgs/msg/AccelStamped': _Layout(
         6, (0, 1, 2, 3, 4, 5), _vectors('accel.linear', 'accel.angular')
     ),
+    'geometry_msgs/msg/PointStamped': _Layout(3, (0, 1, 2), _vectors('point')),
     # orientation (4), covariance (9), angular velocity (3), covariance (9),
     # linear acceleration (3), covariance (9)
     'sensor_msgs/msg/Imu': _Layout(
