@@ -172,7 +172,7 @@ def test_topics_with_one_sample_a_message_are_read_by_name(tmp_path):
 
 def test_a_topic_that_is_not_named_or_not_there_is_said(tmp_path):
     file = write_topics(tmp_path / 'topics.mcap', *spring())
-    with pytest.raises(MissingChannelError, match='--input .point TOPIC point.z'):
+    with pytest.raises(MissingChannelError, match=r'--input .point TOPIC point\.z'):
         main('spring', file, silent(tmp_path))
     with pytest.raises(MissingChannelError, match='/elsewhere'):
         main(

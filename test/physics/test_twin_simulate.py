@@ -408,3 +408,16 @@ def test_a_hammer_with_a_mass_gives_a_pulse_of_its_momentum():
     impulse = result.contact_force[inside].sum() / 200_000.0
     reduced = 0.1 * 1.671 / (0.1 + 1.671)
     assert impulse == pytest.approx(reduced * 1.4, rel=0.02)
+
+
+@pytest.mark.parametrize('rate', [500.0, 1000.0, 10_000.0])
+def test_peaks_of_bare_contacts_do_not_depend_on_the_sampling(rate):
+    """A bare contact lasts 0.9 ms: between samples of 1 kHz nothing of it need be seen."""
+    blow = PendulumBlow(Pendulum(mass_distance=0.25), math.radians(10))
+    bench = Bench(damper=None)
+    fine = simulate(bench, blow, duration=0.2, sample_rate=1e6)
+    coarse = simulate(bench, blow, duration=0.2, sample_rate=rate)
+    assert len(coarse.contacts) == len(fine.contacts) > 3
+    for span, truth in zip(coarse.contacts[:4], fine.contacts[:4], strict=True):
+        inside = (fine.time >= truth.start) & (fine.time <= truth.end)
+        assert span.peak_force == pytest.approx(fine.contact_force[inside].max(), rel=5e-4)

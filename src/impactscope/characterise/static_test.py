@@ -58,10 +58,10 @@ def read_static_test(
     """Read a test from an MCAP or rosbag2 recording, or with a ``mapping`` from columns.
 
     ``force`` and ``displacement`` name the channels; ``inputs`` are topics of a recording with one
-    sample a message, each as ``kind topic axis channel`` (wrench, point, ...); ``touch`` m is the crosshead's displacement
-    at first touch, which becomes zero. Samples that are not finite or clipped are left out, a
-    record of which both signs are reversed is turned round; ``notes`` say so. Raises
-    ConfigurationError where columns are given without mapping or a unit is wrong,
+    sample a message, each as ``kind topic axis channel`` (wrench, point, ...); ``touch`` m is the
+    crosshead's displacement at first touch, which becomes zero. Samples that are not finite or
+    clipped are left out, a record of which both signs are reversed is turned round; ``notes`` say
+    so. Raises ConfigurationError where columns are given without mapping or a unit is wrong,
     MissingChannelError where a channel is not there, InputError where samples contradict each
     other or hold no test, RecordingError where the file cannot be read.
     """

@@ -2,6 +2,11 @@
 
 In the order in which they occur: the device's clock decides when a sample is taken; filters,
 coupling, hum, drift and offset act; noise is added; the range cuts off; the converter rounds.
+
+There is no anti-alias filter before the sampling: a channel shows what its quantity is at the
+instants of sampling. What is shorter than a few samples, such as the contact force of a bare
+contact in the plate's acceleration, is under-read as by a device without such a filter; true
+peaks stand in :class:`~impactscope.physics.twin.simulate.ContactSpan`.
 """
 
 from __future__ import annotations
