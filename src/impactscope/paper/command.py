@@ -20,6 +20,7 @@ from impactscope.version import __version__
 
 __all__ = ['main', 'to_json']
 
+_DIFFERENCE = 12  # columns of the longest part of a difference
 _WIDE = 130  # columns of a terminal from which on the remarks fit beside the numbers
 _STYLE = {
     Standing.HOLDS: 'green',
@@ -84,15 +85,17 @@ def main(
 def _printed(heading: str, part: list[PaperRow], *, remarks: bool) -> Table:
     table = Table(title=escape(heading), title_justify='left', title_style='bold', expand=False)
     table.add_column('where', no_wrap=True)
-    table.add_column('quantity', min_width=20, ratio=3)
+    table.add_column('quantity', min_width=16, ratio=3)
     table.add_column('unit', no_wrap=True)
-    for name in ('paper', 'computed', 'difference'):
+    for name in ('paper', 'computed'):
         table.add_column(name, justify='right', no_wrap=True)
+    # In a narrow table the share in percent goes below the difference.
+    table.add_column('difference', justify='right', no_wrap=remarks, min_width=_DIFFERENCE)
     if remarks:
         table.add_column('remark', min_width=20, ratio=4)
     for item in part:
         style = _STYLE[item.standing]
-        difference = difference_text(item)
+        difference = difference_text(item).replace(' %', '%')
         cells = [
             escape(item.section),
             escape(item.quantity),
