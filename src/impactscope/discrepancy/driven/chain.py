@@ -12,26 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
+from impactscope.discrepancy.driven.measuring import MAINS, ORDERS, passed_on
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.recordings import Cut
 from impactscope.discrepancy.driven.terms import Number, Term
 
-__all__ = ['ChainModel', 'filter_of', 'linear_chain']
+__all__ = ['ChainModel', 'linear_chain']
 
 Array = NDArray[np.float64]
 
-ORDERS = (1, 2, 3, 4, 6, 8)
 LONGEST_DELAY = 0.1  # of a recording
-MAINS = (50.0, 60.0)  # Hz
-
-
-def filter_of(term: Term) -> tuple[int, bool]:
-    """Order and whether it runs forwards and backwards, of a low-pass among the candidates."""
-    kind, _, order = term.variant.partition('-')
-    return int(order), kind == 'zero'
 
 
 def _delayed(samples: Array, delay: float, period: float) -> Array:
@@ -71,38 +63,11 @@ class ChainModel:
     ) -> Array:
         """Output channel, shape (n,)."""
         parts = {t.name: t for t in terms}
-        rate = 1.0 / segment.period
         y = segment.drive * values.get('gain', 1.0) * values.get('wrong_parameter.ratio', 1.0)
         delay = values.get('clock_error.offset', 0.0)
         if delay != 0.0:
             y = _delayed(y, delay, segment.period)
-        if 'low_pass_filter' in parts:
-            term = parts['low_pass_filter']
-            order, both = filter_of(term)
-            cutoff = values[f'{term.label}.cutoff']
-            if 0.0 < cutoff < 0.5 * rate:
-                sections = signal.butter(order, cutoff, fs=rate, output='sos')
-                if both:
-                    y = signal.sosfiltfilt(sections, y)
-                else:
-                    y = signal.sosfilt(sections, y, zi=signal.sosfilt_zi(sections) * y[0])[0]
-        corner = values.get('ac_coupling.corner', 0.0)
-        if 0.0 < corner < 0.5 * rate:
-            b, a = signal.butter(1, corner, btype='high', fs=rate)
-            y = signal.lfilter(b, a, y, zi=[-b[0] * y[0]])[0]  # at rest before the first sample
-        y = y + values.get('offset.value', 0.0)
-        time = segment.period * np.arange(y.size)
-        drift = values.get('zero_drift.rate', 0.0)
-        if drift != 0.0:
-            y = y + drift * time
-        if 'mains_hum' in parts:
-            hum = parts['mains_hum'].label
-            angle = 2.0 * math.pi * values[f'{hum}.frequency'] * (segment.begin + time)
-            y = y + values[f'{hum}.sine'] * np.sin(angle) + values[f'{hum}.cosine'] * np.cos(angle)
-        limit = values.get('saturation.limit', math.inf)
-        if math.isfinite(limit):
-            y = np.clip(y, -limit, limit)
-        return np.asarray(y)
+        return passed_on(y, parts, values, segment.period, segment.begin)
 
     def motion(
         self,

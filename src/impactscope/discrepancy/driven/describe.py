@@ -23,12 +23,16 @@ from impactscope.discrepancy.answer import (
     Trace,
 )
 from impactscope.discrepancy.campaign import Campaign
-from impactscope.discrepancy.driven.chain import filter_of
 from impactscope.discrepancy.driven.decide import Judge
+from impactscope.discrepancy.driven.exact import NoiseJudge
 from impactscope.discrepancy.driven.fitting import Fit, numbers_of
+from impactscope.discrepancy.driven.located import plate_regions
+from impactscope.discrepancy.driven.measuring import filter_of
 from impactscope.discrepancy.driven.modal import Modes
 from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.plate import Plate
 from impactscope.discrepancy.driven.search import Outcome
+from impactscope.discrepancy.driven.strangers import Verdict
 from impactscope.discrepancy.driven.terms import Term, key
 from impactscope.discrepancy.evidence import (
     family_p_value,
@@ -46,6 +50,8 @@ Array = NDArray[np.float64]
 WINDOWS = 32  # into which a recording is cut to say where it differs
 LARGE = 0.05  # of the channel: what is left beyond this asks for an explanation
 REMOVED = 0.5  # of the baseline's residual: what is left below this was mostly explained
+STEPS = 25.0  # chi-square of rounding from which steps are named
+HINT = 4.0  # chi-square a number that makes a richer rival more than a possibility
 SUSPECT = 4.0  # standard uncertainties between a stated and a fitted number
 
 
@@ -60,6 +66,8 @@ class Subject:
     outcome: Outcome
     modes: Modes | None
     notes: tuple[str, ...]
+    plate: Plate | None = None  # where the residual is noise
+    verdict: Verdict | None = None  # on what the vocabulary lacks, there
 
 
 def describe(s: Subject) -> Answer:
@@ -76,7 +84,19 @@ def describe(s: Subject) -> Answer:
     findings[len(accepted) : len(accepted)] = wrong
     accepted += [f.name for f in wrong]
     unexplained, sentence = _left(s, base, final)
-    if unexplained and not accepted:
+    if s.verdict is not None and s.verdict.left:
+        unknown = _unknown(s.verdict)
+        if s.verdict.instead:
+            findings.insert(0, unknown)
+            accepted = ['unknown', *(f.name for f in (*steps, *wrong))]
+            named = set(accepted)
+            findings = [f for f in findings if f.name in named] + [
+                f for f in findings if f.name not in named
+            ]
+        else:
+            findings.insert(len(accepted), unknown)
+            accepted.append('unknown')
+    elif unexplained and not accepted:
         findings.insert(0, Finding('unknown', 1.0, 'unknown', sentence=sentence))
         accepted = ['unknown']
     detected = bool(accepted)
@@ -90,7 +110,7 @@ def describe(s: Subject) -> Answer:
         mismatch=Mismatch(
             detected,
             _p_value(s, final),
-            _regions(s, base, final) if detected else (),
+            _places(s, base, final) if detected else (),
             subsystems,
         ),
         accepted=tuple(accepted),
@@ -120,6 +140,21 @@ def _estimates(made: Fit, units: Mapping[str, str]) -> dict[str, ParameterEstima
     }
 
 
+def _unknown(verdict: Verdict) -> Finding:
+    """What is not in the vocabulary, by the law that it resembles most."""
+    stranger = verdict.strongest
+    return Finding(
+        'unknown',
+        verdict.probability,
+        'unknown',
+        sentence=(
+            f'Something is missing that is not in the library; it goes like {stranger.law}.'
+        ),
+        source='laws beyond the library, each acting as a small force on the fitted plate',
+        evidence=stranger.gain,
+    )
+
+
 # --- findings ------------------------------------------------------------------------------------
 
 
@@ -128,6 +163,8 @@ def _findings(s: Subject, new: Sequence[Term]) -> list[Finding]:
     fits = [s.outcome.best, *s.outcome.rivals]
     for made in fits:
         s.judge.weights(made)
+    if s.plate is not None:
+        fits = _one_form_each(s, fits)
     weight = probabilities([s.judge.criterion(f, s.outcome.baseline) for f in fits])
     given = {t.name for t in s.outcome.baseline.terms}
     best = {t.name for t in s.outcome.best.terms}
@@ -141,6 +178,8 @@ def _findings(s: Subject, new: Sequence[Term]) -> list[Finding]:
             if term.name not in source or p > source[term.name][2]:
                 source[term.name] = term, made, p
     found = []
+    if s.verdict is not None:
+        share = {n: p * (1.0 - s.verdict.probability) for n, p in share.items()}
     for term in new:
         rivals = _confused(s, term.name, best, fits, weight)
         found.append(_finding(s, term, s.outcome.best, share[term.name], rivals))
@@ -151,6 +190,15 @@ def _findings(s: Subject, new: Sequence[Term]) -> list[Finding]:
     return found
 
 
+def _one_form_each(s: Subject, fits: Sequence[Fit]) -> list[Fit]:
+    """Of every set of effects the best form alone; the chosen fit first."""
+    ordered = sorted(fits[1:], key=lambda f: s.judge.criterion(f, s.outcome.baseline))
+    found = {frozenset(t.name for t in fits[0].terms): fits[0]}
+    for made in ordered:
+        found.setdefault(frozenset(t.name for t in made.terms), made)
+    return list(found.values())
+
+
 def _confused(
     s: Subject, name: str, best: set[str], fits: Sequence[Fit], weight: Sequence[float]
 ) -> tuple[str, ...]:
@@ -159,7 +207,10 @@ def _confused(
     found: list[str] = []
     for made, p in zip(fits, weight, strict=True):
         names = {t.name for t in made.terms}
-        if made.added > s.outcome.best.added or name in names:
+        extra = made.added - s.outcome.best.added
+        if name in names or (extra > 0 and s.plate is None):
+            continue
+        if extra > 0 and s.judge.gain(s.outcome.best, made).total < HINT * extra:
             continue
         if p < s.judge.thresholds.confusable * top:
             continue
@@ -246,6 +297,8 @@ def _modal_finding(s: Subject) -> Finding:
 
 def _quantisation(s: Subject, final: Fit) -> list[Finding]:
     """Coarse steps of a channel, where they are what is left, in a chain that asks for it."""
+    if s.plate is not None:
+        return _plate_steps(s)
     if s.campaign.kind.value != 'chain':
         return []
     for segment, residual in zip(s.segments, final.residuals, strict=True):
@@ -255,33 +308,56 @@ def _quantisation(s: Subject, final: Fit) -> list[Finding]:
         if step <= 0.0 or abs(own - step) < 1e-3 * step or spread > step:
             continue
         if step / math.sqrt(12.0) > 0.5 * spread:
-            estimate = ParameterEstimate(step, 1e-3 * step, segment.unit)
-            return [
-                Finding(
-                    'quantisation',
-                    1.0,
-                    'measurement',
-                    {'step': estimate},
-                    channel=segment.channel,
-                    sentence='The channel has coarse steps.',
-                    equation='round to multiples of the step',
-                    source='Widrow and Kollar, Quantization Noise (2008)',
-                )
-            ]
+            return [_steps(segment, step)]
     return []
+
+
+def _plate_steps(s: Subject) -> list[Finding]:
+    """Steps of a channel whose noise is known, where they add to it beyond doubt."""
+    step, gain = _rounding(s)
+    return [_steps(s.segments[0], step)] if gain > STEPS else []
+
+
+def _rounding(s: Subject) -> tuple[float, float]:
+    """Step of the output channel, and the chi-square of rounding to it; zeros without steps."""
+    fitted = [x.measured for x in s.segments if not x.held_out]
+    steps = [quantisation_step(x) for x in fitted]
+    if s.plate is None or min(steps) <= 0.0 or max(steps) > 1.01 * min(steps):
+        return 0.0, 0.0
+    share = min(steps) ** 2 / 12.0 / s.plate.noise**2
+    return min(steps), share * sum(x.size for x in fitted)
+
+
+def _steps(segment: Segment, step: float) -> Finding:
+    return Finding(
+        'quantisation',
+        1.0,
+        'measurement',
+        {'step': ParameterEstimate(step, 1e-3 * step, segment.unit)},
+        channel=segment.channel,
+        sentence='The channel has coarse steps.',
+        equation='round to multiples of the step',
+        source='Widrow and Kollar, Quantization Noise (2008)',
+    )
 
 
 def _wrong_parameters(s: Subject, final: Fit) -> list[Finding]:
     """Numbers that the campaign states and the recordings contradict."""
     found = []
     values = s.outcome.best.values if s.modes is None else {}
+    channels = [s.segments[0].channel, str(s.campaign.bench.get('input', ''))]
     for stated, fitted in (('stiffness', 'stiffness'), ('moving_mass', 'mass')):
         quantity = s.campaign.sensor.get(stated)
         if quantity is None or not quantity.known or fitted not in values:
             continue
-        std = math.hypot(quantity.std, s.outcome.best.std.get(fitted, 0.0))
-        off = values[fitted] - quantity.value
-        if abs(off) > SUSPECT * std + 0.005 * abs(quantity.value):
+        value = values[fitted]
+        gains = [s.campaign.gain_std_of(c) for c in channels]
+        std = math.hypot(
+            quantity.std, s.outcome.best.std.get(fitted, 0.0), *(g * value for g in gains)
+        )
+        off = value - quantity.value
+        floor = 0.0 if s.plate is not None else 0.005 * abs(quantity.value)
+        if abs(off) > SUSPECT * std + floor:
             ratio = values[fitted] / quantity.value
             found.append(
                 Finding(
@@ -304,10 +380,19 @@ def _wrong_parameters(s: Subject, final: Fit) -> list[Finding]:
 
 
 def _p_value(s: Subject, final: Fit) -> float:
+    if isinstance(s.judge, NoiseJudge):
+        tried = [final] if final is not s.outcome.baseline else list(s.outcome.rivals)
+        chances = [s.judge.p_value(s.outcome.baseline, f) for f in tried]
+        if s.verdict is not None and s.verdict.left:
+            chances.append(s.verdict.strongest.p_value)
+        step, gain_of_steps = _rounding(s)
+        if step > 0.0 and gain_of_steps > STEPS:
+            chances.append(family_p_value(gain_of_steps, 1, s.judge.looks))
+        return min(chances, default=1.0)
     gain = s.judge.gain(s.outcome.baseline, final)
     if final is s.outcome.baseline:
-        tried = [s.judge.gain(final, f) for f in s.outcome.rivals if f.added > final.added]
-        best = max(tried, key=lambda g: g.fitted - 2 * g.numbers, default=None)
+        gains = [s.judge.gain(final, f) for f in s.outcome.rivals if f.added > final.added]
+        best = max(gains, key=lambda g: g.fitted - 2 * g.numbers, default=None)
         if best is None:
             return 1.0
         gain = best
@@ -324,6 +409,8 @@ def _rms(values: Array) -> float:
 
 def _left(s: Subject, base: Fit, final: Fit) -> tuple[bool, str]:
     """Whether what is left asks for an explanation, and a sentence on it."""
+    if s.verdict is not None:
+        return s.verdict.left, _unknown(s.verdict).sentence if s.verdict.left else ''
     worst: tuple[float, bool, str] = (0.0, False, '')
     for i, segment in enumerate(s.segments):
         residual = final.residuals[i]
@@ -354,6 +441,28 @@ def _band(residual: Array, period: float) -> tuple[float, float]:
     share = np.cumsum(power)
     low, high = np.interp([0.1 * share[-1], 0.9 * share[-1]], share, frequency)
     return float(low), float(high)
+
+
+def _places(s: Subject, base: Fit, final: Fit) -> tuple[Region, ...]:
+    """Where the baseline differs from the recordings."""
+    if s.plate is None:
+        return _regions(s, base, final)
+    column = None
+    if s.verdict is not None and s.verdict.left:
+        column = s.verdict.strongest.column
+        final = base if s.verdict.instead else final
+    rate = s.judge.thresholds.false_region
+    found = plate_regions(s.model, base, final, column, s.segments, s.plate.forces, rate)
+    if _rounding(s)[1] > STEPS:
+        found += tuple(_throughout(x) for x in s.segments)
+    return found
+
+
+def _throughout(segment: Segment) -> Region:
+    """A recording from end to end."""
+    return Region(
+        segment.recording, segment.channel, segment.begin, float(segment.time[-1]), 'before'
+    )
 
 
 def _regions(s: Subject, base: Fit, final: Fit) -> tuple[Region, ...]:

@@ -12,14 +12,17 @@ from impactscope.discrepancy.campaign import Campaign, CampaignKind
 from impactscope.discrepancy.driven.chain import linear_chain
 from impactscope.discrepancy.driven.decide import Judge
 from impactscope.discrepancy.driven.describe import Subject, describe
+from impactscope.discrepancy.driven.exact import exact_search, reduced
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.guess import equation_start
 from impactscope.discrepancy.driven.modal import further_modes
 from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
 from impactscope.discrepancy.driven.oscillation import linear_oscillator
+from impactscope.discrepancy.driven.plate import plate_under_hammer
 from impactscope.discrepancy.driven.prescribed import linear_prescribed
 from impactscope.discrepancy.driven.recordings import Cut, cuts
 from impactscope.discrepancy.driven.search import Effort, Outcome, search
+from impactscope.discrepancy.driven.strangers import verdict
 from impactscope.discrepancy.driven.terms import Term
 from impactscope.errors import ConfigurationError
 
@@ -35,6 +38,8 @@ LINEAR = (
     'linear_mass_spring_damper',
 )
 GLANCE = Effort(depth=1, tried=3, beam=1)
+MOSTLY_NOISE = 30.0  # reduced chi-square of a baseline beyond which it is not looked at as noise
+NOISE = 1.5  # reduced chi-square of an answer up to which it is
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
 CHAIN_EFFORT = Effort(numbers=6, depth=4, tried=8, beam=3)
 
@@ -54,6 +59,10 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     tell(0.02, 'fitting the baseline')
     notes = list(campaign.notes)
     parts, model, segments, linear = _start(campaign, notes)
+    if campaign.kind is CampaignKind.DRIVEN and isinstance(model, OscillatorModel):
+        answer = _under_hammer(campaign, parts, model, segments, linear, notes, tell)
+        if answer is not None:
+            return answer
     baseline = _with_known(campaign, model, segments, linear)
     judge = Judge(segments, len({t.name for t in model.terms}))
     modes, effort = None, Effort()
@@ -79,6 +88,53 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     tell(0.95, 'describing')
     subject = Subject(campaign, model, segments, judge, outcome, modes, tuple(notes))
     return describe(subject)
+
+
+def _under_hammer(
+    campaign: Campaign,
+    parts: Sequence[Cut],
+    model: OscillatorModel,
+    segments: Sequence[Segment],
+    linear: Fit,
+    notes: Sequence[str],
+    tell: Progress,
+) -> Answer | None:
+    """The answer where noise is all that a right model leaves; None where it is not."""
+    if 'stiffness' not in linear.values or _modes(campaign) > 1:
+        return None
+    plate = plate_under_hammer(parts, model, segments, linear)
+    if plate is None:
+        return None
+    baseline = _with_known(campaign, plate.model, plate.segments, plate.baseline)
+    if reduced(plate.judge, baseline) > MOSTLY_NOISE:
+        return None
+    tell(0.1, 'searching')
+    outcome = exact_search(
+        plate.model,
+        baseline,
+        plate.segments,
+        plate.judge,
+        lambda share: tell(0.1 + 0.75 * share, 'searching'),
+    )
+    if reduced(plate.judge, outcome.best) > NOISE:
+        return None
+    tell(0.9, 'looking for what the library lacks')
+    gain = plate.judge.gain(baseline, outcome.best).fitted
+    said = verdict(plate.model, baseline, outcome.best, gain, plate.segments)
+    tell(0.95, 'describing')
+    return describe(
+        Subject(
+            campaign,
+            plate.model,
+            plate.segments,
+            plate.judge,
+            outcome,
+            None,
+            tuple(notes),
+            plate,
+            said,
+        )
+    )
 
 
 def _modal(campaign: Campaign, parts: Sequence[Cut]) -> bool:

@@ -79,13 +79,16 @@ def _differences(function: Callable[[Array], Array], theta: Array, at_theta: Arr
     return jacobian
 
 
-def _recent(model: Model, residual: Array) -> Array:
-    """A residual as a fit counts it: where errors of force accumulate, old ones are forgotten.
+def _counted(model: Model, residual: Array, segment: Segment) -> Array:
+    """A residual as a fit counts it: whitened where the noise is known, else as it is.
 
-    The position of a mass without spring walks off at random under every small error of the
-    force; plain least squares would tune friction to that walk. A first-order high-pass with a
-    memory of a tenth of the recording makes the walk nearly white (generalised least squares).
+    Where errors of force accumulate, old ones are forgotten: the position of a mass without spring
+    walks off at random under every small error of the force; plain least squares would tune
+    friction to that walk. A first-order high-pass with a memory of a tenth of the recording makes
+    the walk nearly white (generalised least squares).
     """
+    if segment.whitener is not None:
+        return segment.whitener(residual)
     if not model.drifts:
         return residual
     keep = math.exp(-1.0 / (MEMORY * residual.size))
@@ -123,7 +126,8 @@ def fit(
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     scales = channel_scales(segments)
     total = sum(segments[i].measured.size for i in fitted)
-    weights = [1.0 / (scales[s.channel] * np.sqrt(total)) for s in segments]
+    known = all(s.whitener is not None for s in segments)
+    weights = [(1.0 if known else 1.0 / scales[s.channel]) / math.sqrt(total) for s in segments]
 
     def beginning(i: int) -> Array:
         if starts is not None and starts[i].size == len(own[i]):
@@ -154,14 +158,16 @@ def fit(
         parts = []
         for i in fitted:
             predicted = model.predict(values, terms, start_of(theta, i), segments[i])
-            parts.append(weights[i] * _recent(model, segments[i].measured - predicted))
+            parts.append(
+                weights[i] * _counted(model, segments[i].measured - predicted, segments[i])
+            )
         whole = np.concatenate(parts)
         last[:] = [*last[-2:], (theta.copy(), whole)]
         return whole
 
     def jacobian(theta: Array) -> Array:
-        known = next((r for t, r in last if np.array_equal(t, theta)), None)
-        return _differences(residual, theta, residual(theta) if known is None else known)
+        made = next((r for t, r in last if np.array_equal(t, theta)), None)
+        return _differences(residual, theta, residual(theta) if made is None else made)
 
     theta = np.array(x0)
     spent = 0
@@ -190,8 +196,10 @@ def fit(
             begin = _own_beginning(model, terms, values, segment, beginning(i), weights[i])
         begins.append(begin)
         residuals.append(segment.measured - model.predict(values, terms, begin, segment))
-    left = np.concatenate([weights[i] * _recent(model, residuals[i]) for i in fitted])
-    spread = _scatter(slopes, left)
+    left = np.concatenate(
+        [weights[i] * _counted(model, residuals[i], segments[i]) for i in fitted]
+    )
+    spread = _scatter(slopes, left, white=known)
     std = {k: float(spread[j] * n.scale) for j, (k, n) in enumerate(shared)}
     added = sum(len(t.numbers) for t in terms)
     return Fit(terms, values, std, tuple(begins), tuple(residuals), added, evaluations=spent)
@@ -222,21 +230,23 @@ def _own_beginning(
     return np.asarray(solution.x * scale)
 
 
-def _scatter(jacobian: Array, residual: Array) -> Array:
+def _scatter(jacobian: Array, residual: Array, *, white: bool) -> Array:
     """Standard uncertainties that allow for coloured residuals, shape (n_numbers,).
 
-    The larger of the usual ones for white residuals and of the sandwich estimate, whose filling
-    is the scatter of the gradient over blocks of consecutive samples.
+    The usual ones where residuals are whitened; else the larger of these and of the sandwich
+    estimate, whose filling is the scatter of the gradient over blocks of consecutive samples.
     """
     n, k = jacobian.shape
     if k == 0:
         return np.zeros(0)
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    white = inverse * float(residual @ residual) / max(n - k, 1)
+    usual = inverse * float(residual @ residual) / max(n - k, 1)
+    if white:
+        return np.sqrt(np.maximum(np.diag(usual), 0.0))
     edges = np.linspace(0, n, min(BLOCKS, n) + 1).astype(int)
     gradients = np.array([jacobian[a:b].T @ residual[a:b] for a, b in itertools.pairwise(edges)])
     sandwich = inverse @ (gradients.T @ gradients) @ inverse
-    return np.sqrt(np.maximum(np.maximum(np.diag(white), np.diag(sandwich)), 0.0))
+    return np.sqrt(np.maximum(np.maximum(np.diag(usual), np.diag(sandwich)), 0.0))
 
 
 def sensitivities(model: Model, base: Fit, segments: Sequence[Segment]) -> tuple[Array, Array]:

@@ -5,6 +5,9 @@ Equation of motion, with u the input force (or whatever drives the system)::
     m a = u + u0 - c v - d |v| - c2 |v| v - R(x) - friction(v) - s h
     R(x) = k w + k2 w^2 + k3 w^3 + end stops,  w = x outside the gap (or l sin(x / l))
     h'   = v - g |v| |h|^(n-1) h - d v |h|^n
+
+On a base that gives way x and v are relative to it, and the force on the mass, but for u and u0,
+acts on the base.
 """
 
 from __future__ import annotations
@@ -33,4 +36,12 @@ HYSTERESIS_EXPONENT: Final = 16  # n
 INPUT_OFFSET: Final = 17  # u0
 SINE: Final = 18  # 1: R acts on sin(x)
 SKEW_DAMPING: Final = 19  # d: c + d forwards, c - d backwards
-SIZE: Final = 20
+SHARE: Final = 20  # of the stiffness that yields, in place of s, g, d: see model.py
+YIELD: Final = 21  # elongation at which it slips
+STOP_ONE_WAY: Final = 22  # 1: the stop is there for x > 0 alone
+BASE_MASS: Final = 23  # 0: the base is rigid
+BASE_DAMPING: Final = 24
+BASE_STIFFNESS: Final = 25
+BASE_FREQUENCY: Final = 26  # Hz, and damping ratio: in place of damping and stiffness
+BASE_RATIO: Final = 27
+SIZE: Final = 28

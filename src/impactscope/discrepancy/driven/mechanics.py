@@ -42,6 +42,12 @@ SLOTS: Mapping[str, tuple[int, ...]] = {
     'hysteresis.stiffness': (at.HYSTERESIS_STIFFNESS,),
     'hysteresis.closing': (at.HYSTERESIS_CLOSING,),
     'hysteresis.leaning': (at.HYSTERESIS_LEANING,),
+    'hysteresis.share': (at.SHARE,),
+    'hysteresis.yield_displacement': (at.YIELD,),
+    'end_stop.one_way': (at.STOP_ONE_WAY,),
+    'base_compliance.mass': (at.BASE_MASS,),
+    'base_compliance.frequency': (at.BASE_FREQUENCY,),
+    'base_compliance.damping_ratio': (at.BASE_RATIO,),
     'restoring_force.sine': (at.SINE,),
     'offset.value': (at.INPUT_OFFSET,),
 }

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
 from impactscope.discrepancy.driven import layout as at
+from impactscope.discrepancy.driven.measuring import passed_on, retimed
 from impactscope.discrepancy.driven.mechanics import enter
-from impactscope.discrepancy.driven.oscillator import run
+from impactscope.discrepancy.driven.oscillator import run, run_on_base
 from impactscope.discrepancy.driven.terms import Number, Term
+from impactscope.discrepancy.driven.whitening import Whitener
 
 __all__ = ['Model', 'OscillatorModel', 'Segment', 'inside_samples']
 
@@ -37,7 +40,7 @@ class Segment:
     derivative: int = 0  # 0: the output is a position, 1: a speed, 2: an acceleration
     state: tuple[float, float] = (0.0, 0.0)  # position and speed at the first sample
     noise: float = float('nan')  # stated standard deviation
-    extra: Mapping[str, Array] = field(default_factory=dict)
+    whitener: Whitener | None = None  # what the fit applies to residuals; None: nothing
 
     @property
     def time(self) -> Array:
@@ -109,6 +112,7 @@ class OscillatorModel:
     free: bool  # no input: the beginning is unknown, the mass is one
     position_scale: float
     speed_scale: float
+    _last: dict[str, Any] = field(default_factory=dict, repr=False)  # motion of each recording
 
     def starts(self, segment: Segment) -> tuple[Number, ...]:
         """Position and speed at the first sample of a free swing.
@@ -135,10 +139,19 @@ class OscillatorModel:
         """Parameters of the compiled oscillator."""
         p = np.zeros(at.SIZE)
         p[at.HYSTERESIS_EXPONENT] = 1.0
-        enter(p, values)
+        outside = {t.label for t in terms if t.output}
+        enter(p, {k: v for k, v in values.items() if k.partition('.')[0] not in outside})
         for term in terms:
             if term.fixed:
                 enter(p, term.fixed)
+        if p[at.SHARE] > 0.0 and p[at.YIELD] > 0.0:
+            p[at.HYSTERESIS_STIFFNESS] = p[at.SHARE] * p[at.STIFFNESS]
+            p[at.STIFFNESS] -= p[at.HYSTERESIS_STIFFNESS]
+            p[at.HYSTERESIS_CLOSING] = p[at.HYSTERESIS_LEANING] = 0.5 / p[at.YIELD]
+        if p[at.BASE_MASS] > 0.0:
+            omega = 2.0 * math.pi * p[at.BASE_FREQUENCY]
+            p[at.BASE_STIFFNESS] = p[at.BASE_MASS] * omega**2
+            p[at.BASE_DAMPING] = 2.0 * p[at.BASE_RATIO] * p[at.BASE_MASS] * omega
         if p[at.MASS] == 0.0:
             p[at.MASS] = 1.0
         if p[at.STRIBECK_SPEED] == 0.0:
@@ -151,15 +164,29 @@ class OscillatorModel:
         x, v = segment.state
         if start.size:
             x, v = start[0], start[1]
-        out = np.zeros((segment.measured.size, 4))
-        run(self.vector(values, terms), segment.drive, segment.period, x, v, out)
-        return out
+        p = self.vector(values, terms)
+        state = (id(segment), x, v, p.tobytes())
+        if self._last.get(segment.recording, (None,))[0] != state:
+            out = np.zeros((segment.measured.size, 4))
+            simulate = run_on_base if p[at.BASE_MASS] > 0.0 else run
+            simulate(p, segment.drive, segment.period, x, v, out)
+            self._last[segment.recording] = state, out, segment
+        made: Array = self._last[segment.recording][1]
+        return made
 
     def predict(
         self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment
     ) -> Array:
         """Predicted channel, shape (n,)."""
-        return self._run(values, terms, start, segment)[:, segment.derivative]
+        moved = self._run(values, terms, start, segment)[:, segment.derivative]
+        parts = {t.name: t for t in terms if t.output}
+        if not parts:
+            return moved.copy()
+        if 'clock_error' in parts:
+            clock = parts['clock_error'].label
+            offset, drift = values.get(f'{clock}.offset', 0.0), values.get(f'{clock}.drift', 0.0)
+            moved = retimed(moved, offset, drift, segment.period)
+        return passed_on(moved, parts, values, segment.period, segment.begin)
 
     def motion(
         self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment

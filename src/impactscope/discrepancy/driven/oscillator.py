@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.compiled import compiled, law
 from impactscope.discrepancy.driven.layout import (
+    BASE_DAMPING,
+    BASE_MASS,
+    BASE_STIFFNESS,
     CUBIC,
     DAMPING,
     GAP,
@@ -32,12 +35,21 @@ from impactscope.discrepancy.driven.layout import (
     SQUARE,
     STATIC_EXCESS,
     STIFFNESS,
+    STOP_ONE_WAY,
     STOP_STIFFNESS,
     STOP_TRAVEL,
     STRIBECK_SPEED,
 )
 
-__all__ = ['lost_motion', 'restoring', 'run', 'slider_force', 'smooth_force', 'yielding_rate']
+__all__ = [
+    'lost_motion',
+    'restoring',
+    'run',
+    'run_on_base',
+    'slider_force',
+    'smooth_force',
+    'yielding_rate',
+]
 
 Array = NDArray[np.float64]
 
@@ -63,7 +75,7 @@ def restoring(p: Array, x: float) -> float:
     if p[GAP] > 0.0:
         w = lost_motion(w, p[GAP])
     force = w * (p[STIFFNESS] + w * (p[SQUARE] + w * p[CUBIC]))
-    if p[STOP_STIFFNESS] > 0.0:
+    if p[STOP_STIFFNESS] > 0.0 and (x > 0.0 or p[STOP_ONE_WAY] < 0.5):
         force += p[STOP_STIFFNESS] * lost_motion(x, 2.0 * p[STOP_TRAVEL])
     return float(force)
 
@@ -130,6 +142,49 @@ def _step(
 
 
 @law
+def _base_rate(p: Array, pull: float, xb: float, vb: float) -> float:
+    """Acceleration of a base that the mass's suspension pulls with ``pull``."""
+    return float((pull - p[BASE_DAMPING] * vb - p[BASE_STIFFNESS] * xb) / p[BASE_MASS])
+
+
+@compiled
+def _soft_rates(
+    p: Array, u: float, x: float, v: float, h: float, xb: float, vb: float
+) -> tuple[float, float, float]:
+    """Rates of the relative speed, the base's speed and the yielding element."""
+    force = _load(p, u, x, v, h)
+    base = _base_rate(p, u + p[INPUT_OFFSET] - force, xb, vb)
+    yields = yielding_rate(p, v, h) if p[HYSTERESIS_STIFFNESS] != 0.0 else 0.0
+    return force / p[MASS] - base, base, yields
+
+
+@compiled
+def _soft_step(
+    p: Array,
+    u: tuple[float, float, float],
+    state: tuple[float, float, float, float, float],
+    dt: float,
+) -> tuple[float, float, float, float, float]:
+    """One step of order 4 on a base that gives way."""
+    x, v, h, xb, vb = state
+    a1, b1, g1 = _soft_rates(p, u[0], x, v, h, xb, vb)
+    s = 0.5 * dt
+    v2, w2 = v + s * a1, vb + s * b1
+    a2, b2, g2 = _soft_rates(p, u[1], x + s * v, v2, h + s * g1, xb + s * vb, w2)
+    v3, w3 = v + s * a2, vb + s * b2
+    a3, b3, g3 = _soft_rates(p, u[1], x + s * v2, v3, h + s * g2, xb + s * w2, w3)
+    v4, w4 = v + dt * a3, vb + dt * b3
+    a4, b4, g4 = _soft_rates(p, u[2], x + dt * v3, v4, h + dt * g3, xb + dt * w3, w4)
+    return (
+        x + dt * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0,
+        v + dt * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
+        h + dt * (g1 + 2.0 * g2 + 2.0 * g3 + g4) / 6.0,
+        xb + dt * (vb + 2.0 * w2 + 2.0 * w3 + w4) / 6.0,
+        vb + dt * (b1 + 2.0 * b2 + 2.0 * b3 + b4) / 6.0,
+    )
+
+
+@law
 def _between(u0: float, um: float, u1: float, s: float) -> float:
     """Input at share ``s`` of a sub-step: the parabola through its three values."""
     return u0 + s * (4.0 * um - 3.0 * u0 - u1 + s * (2.0 * u0 - 4.0 * um + 2.0 * u1))
@@ -192,6 +247,30 @@ def _rough_step(
         v = 0.0
         way = _held(p, _load(p, _between(u0, um, u1, done), x, 0.0, h))
     return x, v, h, way
+
+
+@compiled
+def run_on_base(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -> bool:
+    """As :func:`run`, on a base that gives way and without dry friction.
+
+    ``out``: position and speed relative to the base, acceleration of the mass, elongation.
+    """
+    n = out.shape[0]
+    steps = (u.shape[1] - 1) // 2
+    state = (x, v, 0.0, 0.0, 0.0)
+    for i in range(n):
+        first = u[i, 0] if i < n - 1 else u[n - 2, 2 * steps]
+        out[i, 0], out[i, 1], out[i, 3] = state[0], state[1], state[2]
+        out[i, 2] = _load(p, first, state[0], state[1], state[2]) / p[MASS]
+        if i == n - 1:
+            break
+        for j in range(steps):
+            inside = (u[i, 2 * j], u[i, 2 * j + 1], u[i, 2 * j + 2])
+            state = _soft_step(p, inside, state, dt / steps)
+        if not abs(state[0]) + abs(state[1]) + abs(state[4]) < FAR:
+            out[i + 1 :] = 0.0
+            return False
+    return True
 
 
 @compiled

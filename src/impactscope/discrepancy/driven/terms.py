@@ -32,7 +32,8 @@ class Term:
     ``name`` is that of the vocabulary; ``variant`` tells forms of the same effect apart.
     ``excludes``: names of effects that cannot stand beside it because they say the same.
     ``fixed``: what is entered beside the fitted numbers. ``restart``: values of the baseline's
-    numbers to set out from, where the effect gives them another meaning.
+    numbers to set out from, where the effect gives them another meaning. ``output``: it acts in
+    the measuring chain of the output. ``amounts``: numbers that say how much of it there is.
     """
 
     name: str
@@ -47,6 +48,8 @@ class Term:
     fixed: Mapping[str, float] | None = None
     channel: str = ''
     restart: Mapping[str, float] | None = None
+    output: bool = False
+    amounts: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:

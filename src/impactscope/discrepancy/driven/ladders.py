@@ -1,0 +1,144 @@
+"""Candidates for a plate whose residual is noise: every effect with a ladder of start values.
+
+Effects of a few times the noise are far from any guess made from the size of the recordings, so
+each shape parameter starts from several places and each amount from a small one, which a first,
+linear look then stretches to what the recordings ask for.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from impactscope.discrepancy.driven.measuring import output_terms
+from impactscope.discrepancy.driven.mechanics import Sizes, mechanical_terms
+from impactscope.discrepancy.driven.terms import Number, Term
+
+__all__ = ['exact_terms']
+
+FRICTION = frozenset({'coulomb_friction', 'asymmetric_friction', 'stribeck_friction'})
+
+
+def _ladder(scale: float, low: float, high: float, steps: int) -> tuple[float, ...]:
+    return tuple(float(scale * v) for v in np.geomspace(low, high, steps))
+
+
+def _with(term: Term, amounts: Sequence[str], **numbers: tuple[float, ...]) -> Term:
+    """A term with other start values; numbers are measured by the smallest of them."""
+    changed = tuple(
+        dataclasses.replace(n, starts=numbers[n.name], scale=abs(numbers[n.name][0]))
+        if n.name in numbers
+        else n
+        for n in term.numbers
+    )
+    return dataclasses.replace(term, numbers=changed, amounts=tuple(amounts))
+
+
+def exact_terms(
+    sizes: Sizes,
+    plate: tuple[float, float, float],
+    output: tuple[str, str],
+    rate: float,
+    longest: float,
+    noise: float,
+    peak: float,
+) -> tuple[Term, ...]:
+    """Candidates of the vocabulary.
+
+    Args:
+        sizes: of the recordings.
+        plate: mass, damping and stiffness of the baseline.
+        output: the channel's name and unit.
+        rate: samples a second.
+        longest: recording, s.
+        noise: standard deviation of the output's noise.
+        peak: largest sample of the output.
+    """
+    mass, _, stiffness = plate
+    x, v = sizes.position, sizes.speed
+    load = stiffness * x
+    known = {t.label: t for t in mechanical_terms(sizes, spring=True, driven=True, angle=False)}
+    rub = _ladder(load, 1e-5, 0.1, 7)
+    found = [
+        _with(known['coulomb_friction'], ['force'], force=rub),
+        _with(
+            known['asymmetric_friction'],
+            ['force_forward', 'force_backward'],
+            force_forward=rub[1:6:2],
+            force_backward=rub[1:6:2],
+        ),
+        _with(
+            known['stribeck_friction'],
+            ['kinetic_force', 'excess_force'],
+            kinetic_force=(rub[2],),
+            excess_force=(rub[2],),
+            speed=_ladder(v, 0.003, 0.5, 4),
+        ),
+        _with(
+            known['quadratic_damping'],
+            ['coefficient'],
+            coefficient=_ladder(load / v**2, 1e-4, 1e-2, 2),
+        ),
+        _with(known['hardening_spring'], ['cubic'], cubic=_ladder(load / x**3, 1e-4, 1e-2, 2)),
+        _with(known['softening_spring'], ['cubic'], cubic=_ladder(-load / x**3, 1e-4, 1e-2, 2)),
+        _with(known['clearance'], ['gap'], gap=_ladder(x, 1e-5, 0.1, 6)),
+    ]
+    stop = known['end_stop']
+    travels = tuple(x * s for s in (0.97, 0.9, 0.8, 0.65, 0.5, 0.35))
+    stop = _with(stop, ['stiffness'], travel=travels, stiffness=(0.03 * stiffness, stiffness))
+    least = tuple(
+        dataclasses.replace(n, lower=0.1 * x, upper=x, scale=0.05 * x) if n.name == 'travel' else n
+        for n in stop.numbers
+    )
+    found.append(
+        dataclasses.replace(
+            stop,
+            numbers=least,
+            variant='one-way',
+            fixed={'end_stop.one_way': 1.0},
+            equation='k_s (x - d) beyond d',
+        )
+    )
+    found.append(dataclasses.replace(stop, numbers=least))
+    slips = _ladder(x, 0.01, 2.0, 8)
+    found.append(
+        dataclasses.replace(
+            known['hysteresis'],
+            equation="k (1 - a) x + k a h with h' = v (1 - [v h > 0] |h| / x_y)",
+            numbers=(
+                Number('share', '1', (1e-3, 0.05), 1e-3, 0.0, 0.95),
+                Number(
+                    'yield_displacement', sizes.position_unit, slips, 0.1 * x, 1e-4 * x, 20.0 * x
+                ),
+            ),
+            variant='share',
+            amounts=('share',),
+        )
+    )
+    natural = float(np.sqrt(stiffness / mass)) / (2.0 * np.pi)
+    found.append(
+        Term(
+            'base_compliance',
+            'fixture',
+            'The fixture gives way: the plate stands on a mass on a spring.',
+            "M b'' + c_b b' + k_b b = force of the plate's suspension",
+            'Zimmermann et al., IJERPH 19, 13657 (2022)',
+            "the base's accelerometer",
+            (
+                Number(
+                    'frequency',
+                    'Hz',
+                    tuple(natural * s for s in (0.3, 0.7, 1.5, 2.5, 4.0, 7.0, 12.0, 25.0)),
+                    0.1 * natural,
+                    0.02 * natural,
+                    0.3 * rate,
+                ),
+                Number('mass', 'kg', (3.0 * mass, 30.0 * mass), mass, 0.02 * mass, 1e5 * mass),
+                Number('damping_ratio', '1', (0.03,), 0.01, 0.0, 2.0),
+            ),
+            excludes=FRICTION,
+        )
+    )
+    return (*found, *output_terms(*output, rate, longest, noise, peak))

@@ -1,0 +1,137 @@
+"""A plate under a hammer: its force zero between blows, its noise known, residuals white."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.driven.exact import NoiseJudge
+from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
+from impactscope.discrepancy.driven.ladders import exact_terms
+from impactscope.discrepancy.driven.mechanics import Sizes
+from impactscope.discrepancy.driven.model import OscillatorModel, Segment, inside_samples
+from impactscope.discrepancy.driven.recordings import Cut
+from impactscope.discrepancy.driven.terms import Term
+from impactscope.discrepancy.driven.whitening import HammerForce, hammer_force, whitener
+from impactscope.discrepancy.evidence import noise_std, quantisation_step
+
+__all__ = ['Plate', 'plate_under_hammer']
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plate:
+    """What the exact search works on."""
+
+    model: OscillatorModel
+    segments: list[Segment]
+    baseline: Fit
+    forces: tuple[HammerForce, ...]
+    judge: NoiseJudge
+    noise: float  # standard deviation of a sample of the output
+
+
+def plate_under_hammer(
+    parts: Sequence[Cut], model: OscillatorModel, segments: Sequence[Segment], made: Fit
+) -> Plate | None:
+    """The campaign as one in which the noise is all that a right model leaves; None if not.
+
+    It may be one if the force is that of a hammer and there is one output.
+    """
+    if len({p.channel for p in parts}) != 1 or any(p.drive is None for p in parts):
+        return None
+    forces = []
+    for cut in parts:
+        assert cut.drive is not None  # noqa: S101 - looked at above
+        force = hammer_force(cut.drive, 1.0 / cut.rate)
+        if force is None:
+            return None
+        forces.append(force)
+    quiet = [
+        dataclasses.replace(
+            s,
+            drive=inside_samples(h.force, (s.drive.shape[1] - 1) // 2, held=False),
+            state=(0.0, 0.0),
+        )
+        for s, h in zip(segments, forces, strict=True)
+    ]
+    linear = dataclasses.replace(model, terms=(), _last={})
+    noise = _noise(parts, quiet, made)
+    for _ in range(2):
+        plate = made.values['mass'], made.values['damping'], made.values['stiffness']
+        if not noise > 0.0 or plate[0] <= 0.0 or plate[2] <= 0.0:
+            return None
+        quiet = [
+            dataclasses.replace(
+                s,
+                noise=noise,
+                whitener=whitener(plate, s.derivative, s.period, noise, h, s.measured.size),
+            )
+            for s, h in zip(quiet, forces, strict=True)
+        ]
+        made = fit(linear, (), quiet, made.values, tolerance=FINE)
+        noise = _noise(parts, quiet, made)
+    through = [1.0 / made.values['mass'] ** 2 if s.derivative == 2 else 0.0 for s in quiet]
+    loud = [
+        float(np.sum(t * h.smooth_variance / (noise**2 + t * h.smooth_variance)))
+        for t, h in zip(through, forces, strict=True)
+    ]
+    judge = NoiseJudge(quiet, loud)
+    full = dataclasses.replace(
+        linear, terms=_terms(linear, quiet, made, forces, noise, parts[0]), _last={}
+    )
+    return Plate(full, quiet, made, tuple(forces), judge, noise)
+
+
+def _noise(parts: Sequence[Cut], segments: Sequence[Segment], made: Fit) -> float:
+    """Standard deviation of a sample: as stated, or from what is left from sample to sample."""
+    stated = parts[0].noise
+    if math.isfinite(stated) and stated > 0.0:
+        return stated
+    pairs = zip(segments, made.residuals, strict=True)
+    return float(np.median([_spread(s.measured, r) for s, r in pairs if not s.held_out]))
+
+
+def _spread(measured: Array, residual: Array) -> float:
+    """Standard deviation of a residual's white part; steps would mislead its quartiles."""
+    if quantisation_step(measured) > 0.0:
+        return float(np.std(np.diff(residual, 2))) / math.sqrt(6.0)
+    return noise_std(residual)
+
+
+def _terms(
+    linear: OscillatorModel,
+    segments: Sequence[Segment],
+    made: Fit,
+    forces: Sequence[HammerForce],
+    noise: float,
+    part: Cut,
+) -> tuple[Term, ...]:
+    motions = [
+        linear.motion(made.values, (), made.starts[i], s)
+        for i, s in enumerate(segments)
+        if not s.held_out
+    ]
+    sizes = Sizes(
+        max(float(np.max(np.abs(x))) for x, _ in motions),
+        max(float(np.max(np.abs(v))) for _, v in motions),
+        max(float(np.max(np.abs(h.force))) for h in forces),
+        made.values['stiffness'],
+        part.drive_unit or '1',
+        part.unit.split('/', 1)[0] or '1',
+    )
+    return exact_terms(
+        sizes,
+        (made.values['mass'], made.values['damping'], made.values['stiffness']),
+        (part.channel, part.unit),
+        part.rate,
+        max(s.measured.size * s.period for s in segments),
+        noise,
+        max(float(np.max(np.abs(s.measured))) for s in segments),
+    )

@@ -1,0 +1,206 @@
+"""What the noise of the measured force does to a prediction, and how it is taken into account.
+
+A force that drives a lightly damped plate brings its sensor's noise into the prediction, where it
+rings: the residual of the right model is white no longer. Two remedies. A hammer that has left
+the plate pushes no more, so its force is zero between blows, whatever the sensor reads (the force
+window of modal testing; Ewins, Modal Testing (2000), sec. 3.7). What remains during the blow goes
+into the residual's covariance: a Kalman filter of the linear plate, driven by the force's noise,
+turns the residual into its innovations, which are white where the model is right (Kailath, IEEE
+Trans. Autom. Control 13 (1968)). Least squares on innovations is generalised least squares.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, ndimage, signal
+
+from impactscope.discrepancy.driven.compiled import compiled
+from impactscope.discrepancy.evidence import noise_std
+
+__all__ = ['HammerForce', 'Whitener', 'hammer_force', 'whitener']
+
+Array = NDArray[np.float64]
+
+QUIET = 0.6  # share of the samples of a hammer's force that must be quiet
+BEYOND = 5.0  # standard deviations of the noise from which a blow begins
+MARGIN = 0.1  # of a blow's length is kept before and after it
+PAD = 3  # samples besides
+LONGEST = 0.1  # s: what lasts longer is no blow of a hammer
+HALVES = (2, 3, 5, 8, 12)  # neighbours on each side
+AGREE = 2.0  # standard deviations
+CORNER = 24.0  # fourth difference over error of the force beside a corner of its course
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HammerForce:
+    """Force of a hammer, zero between blows, and the variance of its error; arrays (n,)."""
+
+    force: Array
+    variance: Array  # N^2: sensor's noise and what happens between samples
+    smooth_variance: Array  # N^2: of a smoothed sample
+    noise: float  # N, of a sample of the sensor
+    blows: tuple[tuple[int, int], ...]  # first and behind last sample
+
+
+def hammer_force(samples: Array, period: float) -> HammerForce | None:
+    """The blows in a measured force, shape (n,); None where it is not that of a hammer."""
+    noise, level = noise_std(samples), float(np.median(samples))
+    if not math.isfinite(noise):
+        return None
+    largest = float(np.max(np.abs(samples - level)))
+    busy = np.abs(samples - level) > max(BEYOND * noise, 1e-4 * largest)
+    if largest <= 2.0 * BEYOND * noise or np.mean(busy) > 1.0 - QUIET:
+        return None
+    busy = ndimage.binary_closing(np.pad(busy, 8), np.ones(7))[8:-8]
+    found: list[tuple[int, int]] = []
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], busy.astype(np.int8), [0]])))
+    for first, last in edges.reshape(-1, 2):
+        if last - first < 3:
+            if np.max(np.abs(samples[first:last] - level)) > 2.0 * BEYOND * noise:
+                return None  # a spike: no force of a hammer
+            continue
+        if (last - first) * period > LONGEST:
+            return None
+        margin = PAD + int(MARGIN * (last - first))
+        begin, end = max(int(first) - margin, 0), min(int(last) + margin, samples.size)
+        if found and begin <= found[-1][1]:
+            found[-1] = found[-1][0], end
+        else:
+            found.append((begin, end))
+    if not found:
+        return None
+    smooth, left = _smoothed(samples, noise)
+    force, variance, smooth_variance = (np.zeros(samples.size) for _ in range(3))
+    fourth = np.zeros(samples.size)
+    fourth[2:-2] = np.abs(np.diff(samples, 4)) / CORNER
+    fourth = ndimage.maximum_filter1d(fourth, 3)
+    for begin, end in found:
+        force[begin:end] = smooth[begin:end] - level
+        variance[begin:end] = noise**2 + fourth[begin:end] ** 2
+        smooth_variance[begin:end] = left[begin:end]
+    return HammerForce(force, variance, smooth_variance, noise, tuple(found))
+
+
+def _smoothed(samples: Array, noise: float) -> tuple[Array, Array]:
+    """Samples without as much of their noise as their course allows, and what variance is left.
+
+    Parabolas through as many neighbours as agree with those through fewer (intersection of
+    confidence intervals; Goldenshluger and Nemirovski, Math. Methods Stat. 6 (1997)). Else any
+    low-pass of the prediction would seem to explain the recording: it would smooth the force.
+    """
+    chosen, left = samples.copy(), np.full(samples.size, noise**2)
+    low, high = samples - AGREE * noise, samples + AGREE * noise
+    open_ = np.ones(samples.size, dtype=np.bool_)
+    for half in HALVES:
+        width = 2 * half + 1
+        if width > samples.size:
+            break
+        share = float(np.sum(signal.savgol_coeffs(width, 2) ** 2))
+        wider = signal.savgol_filter(samples, width, 2)
+        reach = AGREE * noise * math.sqrt(share)
+        low, high = np.maximum(low, wider - reach), np.minimum(high, wider + reach)
+        open_ &= low <= high
+        chosen[open_], left[open_] = wider[open_], noise**2 * share
+    return chosen, left
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Whitener:
+    """Turns a residual into innovations of unit variance; one recording's."""
+
+    transition: Array  # (2, 2)
+    shows: Array  # (2,): output of a state
+    gain: Array  # (n, 2)
+    scale: Array  # (n,): one over the innovation's standard deviation
+
+    def __call__(self, residual: Array) -> Array:
+        """Innovations, shape (n,)."""
+        out = np.empty(residual.size)
+        _innovations(residual, self.transition, self.shows, self.gain, self.scale, out)
+        return out
+
+
+def whitener(
+    plate: tuple[float, float, float],
+    derivative: int,
+    period: float,
+    noise: float,
+    force: HammerForce | None,
+    samples: int,
+) -> Whitener:
+    """Filter for the residual of one recording.
+
+    Args:
+        plate: mass, damping and stiffness.
+        derivative: 0 where the output is a position, 1 a speed, 2 an acceleration.
+        period: s between samples.
+        noise: standard deviation of the output's white noise.
+        force: with its error; None: exact.
+        samples: of the recording.
+    """
+    mass, damping, stiffness = plate
+    rates = np.array([[0.0, 1.0], [-stiffness / mass, -damping / mass]])
+    block = np.zeros((3, 3))
+    block[:2, :2], block[1, 2] = rates, 1.0 / mass
+    block = linalg.expm(block * period)
+    transition, push = block[:2, :2], block[:2, 2]
+    shows = np.eye(3, 2)[derivative] if derivative < 2 else rates[1]
+    through = 1.0 / mass if derivative == 2 else 0.0
+    error = np.zeros(samples) if force is None else force.variance
+    sensor = np.zeros(samples) if force is None else force.smooth_variance
+    gain, scale = np.empty((samples, 2)), np.empty(samples)
+    _gains(
+        np.ascontiguousarray(transition),
+        np.ascontiguousarray(push),
+        np.ascontiguousarray(shows),
+        through,
+        noise**2,
+        np.ascontiguousarray(error),
+        np.ascontiguousarray(sensor),
+        gain,
+        scale,
+    )
+    return Whitener(np.ascontiguousarray(transition), np.ascontiguousarray(shows), gain, scale)
+
+
+@compiled
+def _gains(
+    transition: Array,
+    push: Array,
+    shows: Array,
+    through: float,
+    noise: float,
+    error: Array,
+    sensor: Array,
+    gain: Array,
+    scale: Array,
+) -> None:
+    """Gains of the Kalman filter; the force's noise is in the state and in the output at once."""
+    p = np.zeros((2, 2))
+    for k in range(scale.size):
+        seen = p @ shows
+        variance = shows @ seen + noise + sensor[k] * through * through
+        column = (transition @ seen + push * (sensor[k] * through)) / variance
+        gain[k, 0], gain[k, 1] = column[0], column[1]
+        scale[k] = 1.0 / math.sqrt(variance)
+        p = transition @ p @ transition.T
+        for i in range(2):
+            for j in range(2):
+                p[i, j] += push[i] * push[j] * error[k] - column[i] * column[j] * variance
+
+
+@compiled
+def _innovations(
+    residual: Array, transition: Array, shows: Array, gain: Array, scale: Array, out: Array
+) -> None:
+    x = v = 0.0
+    for k in range(residual.size):
+        new = residual[k] - shows[0] * x - shows[1] * v
+        out[k] = new * scale[k]
+        moved = transition[0, 0] * x + transition[0, 1] * v + gain[k, 0] * new
+        v = transition[1, 0] * x + transition[1, 1] * v + gain[k, 1] * new
+        x = moved
