@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar, nnls
 
 from impactscope.errors import EstimationError, InputError
 from impactscope.physics.pendulum import Orientation, Pendulum
@@ -21,6 +22,9 @@ __all__ = ['integrate_span', 'speed_from_contact', 'speed_from_release', 'speed_
 Array = NDArray[np.float64]
 
 _FEWEST_SAMPLES = 8  # of a contact
+_LINEAR = 0.02  # share of the impulse that a linear law leaves at most
+_DECISIVE = 0.5  # of what a plain lossy spring leaves, that a law with a branch may leave
+_SPEEDS = (0.8, 2.0, 25)  # that are tried, over the speed with nothing squeezed at the end
 
 
 def speed_from_release(
@@ -137,6 +141,11 @@ def speed_from_contact(
     layer is still squeezed then, by its lag times the speed of parting; the lag is taken from
     the force's lead before the squeeze, corrected for, and the correction counts as uncertain.
 
+    A viscoelastic layer that relaxes (a Maxwell branch, eq. 12) is squeezed by more than one lag.
+    Where force and squeeze obey such a law much better than that of a lossy spring, v is the
+    speed with which they do so best; half of what the branch changes counts as uncertain, since
+    further branches may follow.
+
     All signals have shape (n_samples,), from first to last sample of one contact:
     ``deceleration`` of the impactor in m/s², ``plate_displacement`` in m, ``contact_force`` of
     any unit. ``end_std`` s is that of
@@ -151,15 +160,25 @@ def speed_from_contact(
             f'impact speed: {d.size} samples of contact; at least {_FEWEST_SAMPLES} are needed'
         )
     h = 1 / sample_rate
-    lost = np.concatenate(([0.0], np.cumsum(0.5 * h * (d[1:] + d[:-1]))))
-    way = np.concatenate(([0.0], np.cumsum(0.5 * h * (lost[1:] + lost[:-1]))))
+    lost = _integral(d, h)
+    way = _integral(lost, h)
     duration = (d.size - 1) * h
     noise = noise_std * math.sqrt(duration * h)
     if not lost[-1] > 5 * math.hypot(noise, offset_std * duration):
         raise EstimationError(
             f'impact speed: a change of {lost[-1]:.3g} m/s does not rise above the noise'
         )
-    time = np.arange(d.size) * h
+    time = np.asarray(np.arange(d.size) * h, np.float64)
+    common = (
+        noise / math.sqrt(3),
+        offset_std * duration / 2,
+        gain_std * float(way[-1]) / duration,
+    )
+    plain, without = _by_linear_law(time, way + x, f, branch=False)
+    speed, misfit = _by_linear_law(time, way + x, f, branch=True)
+    if misfit < min(_LINEAR, _DECISIVE * without):
+        sampled = speed * h / duration  # contact began and ended between samples
+        return Estimate(speed, math.hypot(*common, sampled, 0.5 * (speed - plain)))
     last = max(4, min(d.size // 4, round(1e-3 * sample_rate)))
     closed = float(way[-1] + x[-1]) / duration
     speed, parting = closed, 0.0
@@ -178,11 +197,45 @@ def speed_from_contact(
     varies = float(np.linalg.norm(f - f.mean()))
     unlike = float(np.linalg.norm(f - fitted)) / varies if varies > 0 else 1.0
     terms = (
-        noise / math.sqrt(3),
-        offset_std * duration / 2,
-        gain_std * float(way[-1]) / duration,
+        *common,
         parting * end_std / duration,
         speed - closed,
         0.5 * unlike * float(squeeze.max()) / duration,
     )
     return Estimate(float(speed), math.hypot(*terms))
+
+
+def _by_linear_law(time: Array, way: Array, force: Array, *, branch: bool) -> tuple[float, float]:
+    """Speed, m/s, at which the squeeze v t - way makes the force, and the misfit's share of it.
+
+    The law f + tau f' = E u + eta u', integrated once so that nothing is differentiated, is linear
+    in its constants, none of them negative; ``branch`` False leaves out tau. The speed is found
+    by search.
+    """
+    h = time[1]
+    impulse = _integral(force, h)
+    size = float(np.linalg.norm(impulse))
+    if not size > 0:
+        return math.nan, math.inf
+
+    def misfit(speed: float) -> float:
+        squeeze = speed * time - way
+        columns = [squeeze, _integral(squeeze, h)]
+        if branch:
+            columns.append(-force)
+        design = np.column_stack(columns)
+        scale = np.linalg.norm(design, axis=0)
+        return float(nnls(design / scale, impulse)[1]) / size
+
+    closed = way[-1] / time[-1]
+    trials = closed * np.linspace(*_SPEEDS)
+    best = int(np.argmin([misfit(trial) for trial in trials]))
+    if not 0 < best < trials.size - 1:
+        return math.nan, math.inf
+    found = minimize_scalar(misfit, bounds=(trials[best - 1], trials[best + 1]), method='bounded')
+    return float(found.x), float(found.fun)
+
+
+def _integral(values: Array, h: float) -> Array:
+    """Running integral by the trapezium rule, zero at the first sample."""
+    return np.concatenate(([0.0], np.cumsum(0.5 * h * (values[1:] + values[:-1]))))
