@@ -35,6 +35,7 @@ class Detector(StageNode):
         self.ended = False
         self.duration = 0.0  # s of data seen
         self._channels: dict[str, Channel] = {}
+        self._last_channels: tuple[Channel, ...] = ()
         self.create_subscription(
             msg.TestPoint, 'test_point', self.guard(self._on_test_point), qos.LATCHED
         )
@@ -57,9 +58,12 @@ class Detector(StageNode):
         self._keep(block)
 
     def _keep(self, block: SyncedBlock) -> None:
-        for channel in block.channels:
-            seen = self._channels.get(channel.name, channel)
-            self._channels[channel.name] = replace(seen, quality=seen.quality | channel.quality)
+        if block.channels is not self._last_channels:  # mostly they are the same object
+            self._last_channels = block.channels
+            for channel in block.channels:
+                seen = self._channels.get(channel.name, channel)
+                quality = seen.quality | channel.quality
+                self._channels[channel.name] = replace(seen, quality=quality)
         if block.sample_rate:
             self.duration += block.values.shape[1] / block.sample_rate
 

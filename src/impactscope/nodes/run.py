@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 import threading
@@ -56,6 +57,10 @@ class Spinner:
         self._executor.add_node(node)
 
     def __enter__(self) -> Spinner:
+        # Libraries and nodes stay as long as this runs: a full collection that looks at all of
+        # them again would hold up a verdict by a tenth of a second.
+        gc.collect()
+        gc.freeze()
         self._thread.start()
         return self
 
@@ -69,6 +74,7 @@ class Spinner:
         for node in self._nodes:
             node.destroy_node()
         self._executor.shutdown()
+        gc.unfreeze()
 
     def finish(self) -> None:
         """Stop spinning and let each node bring to an end what it has open; once."""

@@ -9,7 +9,7 @@ acceleration.impactor``.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -136,18 +136,16 @@ class SynchroniserNode(StageNode):
         """Publish what is complete; the stream has ended."""
         self._end()
 
-    def _publish(self, blocks: Iterable[SyncedBlock]) -> None:
+    def _publish(self, blocks: Sequence[SyncedBlock]) -> None:
         """Publish blocks when all input that waits by now has been taken, or enough is held.
 
         Whoever keeps up with the samples thus gets each block at once; whoever has fallen behind
         gets fewer and longer ones, and catches up.
         """
-        held = False
         for block in blocks:
-            held = True
             for complete in self._joiner.push(block):
                 self._send(complete)
-        if held and not self._will_publish and self.executor is not None:
+        if blocks and not self._will_publish and self.executor is not None:
             self._will_publish = True
             self.executor.create_task(self._publish_held)  # comes after the callbacks now due
 
