@@ -123,4 +123,11 @@ def save_model(path: Path | str, answer: Answer, target: Path | str) -> None:
     _, data = _description(Path(path))
     model = answer.to_json()['model']
     data['baseline'] = model.get('baseline', data.get('baseline', []))
+    stated = data.get('sensor') or {}
+    for name, found in model.get('sensor', {}).items():
+        if name in stated and name in model.get('corrected', {}):
+            old = stated[name]
+            stated[name] = {**old, **found} if isinstance(old, dict) else found
+    if 'modes' in model:
+        data['model'] = {**(data.get('model') or {}), 'modes': model['modes']}
     Path(target).write_text(yaml.safe_dump(data, sort_keys=False), encoding='utf-8')

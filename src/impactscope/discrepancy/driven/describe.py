@@ -50,7 +50,9 @@ Array = NDArray[np.float64]
 WINDOWS = 32  # into which a recording is cut to say where it differs
 LARGE = 0.05  # of the channel: what is left beyond this asks for an explanation
 REMOVED = 0.5  # of the baseline's residual: what is left below this was mostly explained
+STATED = (('stiffness', 'stiffness'), ('moving_mass', 'mass'))  # in campaigns and in fits
 STEPS = 25.0  # chi-square of rounding from which steps are named
+APART = 0.3  # relative difference of two numbers that is to be excluded
 HINT = 4.0  # chi-square a number that makes a richer rival more than a possibility
 SUSPECT = 4.0  # standard uncertainties between a stated and a fitted number
 
@@ -122,7 +124,7 @@ def describe(s: Subject) -> Answer:
         baseline=s.campaign.baseline_names,
         baseline_parameters=_estimates(base, units),
         extended_parameters=_estimates(s.outcome.best if s.modes is None else base, units),
-        model=_saved(s, new),
+        model=_saved(s, new, wrong),
         notes=(*s.notes, *(() if unexplained or not sentence else (sentence,))),
         traces=_traces(s, base, final),
     )
@@ -210,12 +212,32 @@ def _confused(
         extra = made.added - s.outcome.best.added
         if name in names or (extra > 0 and s.plate is None):
             continue
-        if extra > 0 and s.judge.gain(s.outcome.best, made).total < HINT * extra:
+        if extra > 0 and not _open(s, made):
             continue
         if p < s.judge.thresholds.confusable * top:
             continue
         found += [t.name for t in made.terms if t.name not in best]
     return tuple(dict.fromkeys(found))
+
+
+def _open(s: Subject, made: Fit) -> bool:
+    """Whether a richer rival is more than a possibility that nothing speaks for.
+
+    Either chi-square hints at it, or what it has beyond the simpler law may well be large: a
+    friction that differs by direction, say, where the recordings cannot tell both ways apart.
+    """
+    if s.judge.gain(s.outcome.best, made).total > HINT * (made.added - s.outcome.best.added):
+        return True
+    value, std = made.values, made.std
+    if 'asymmetric_friction.force_forward' in value:
+        ways = ('asymmetric_friction.force_forward', 'asymmetric_friction.force_backward')
+        scatter = math.hypot(*(std[w] for w in ways))
+        apart = abs(value[ways[0]] - value[ways[1]]) + 2.0 * scatter
+        return apart > APART * (value[ways[0]] + value[ways[1]])
+    if 'stribeck_friction.excess_force' in value:
+        excess, kinetic = 'stribeck_friction.excess_force', 'stribeck_friction.kinetic_force'
+        return value[excess] + 2.0 * std[excess] > value[kinetic]
+    return False
 
 
 def _finding(
@@ -346,7 +368,7 @@ def _wrong_parameters(s: Subject, final: Fit) -> list[Finding]:
     found = []
     values = s.outcome.best.values if s.modes is None else {}
     channels = [s.segments[0].channel, str(s.campaign.bench.get('input', ''))]
-    for stated, fitted in (('stiffness', 'stiffness'), ('moving_mass', 'mass')):
+    for stated, fitted in STATED:
         quantity = s.campaign.sensor.get(stated)
         if quantity is None or not quantity.known or fitted not in values:
             continue
@@ -541,7 +563,9 @@ def _traces(s: Subject, base: Fit, final: Fit) -> tuple[Trace, ...]:
     found = []
     best = s.outcome.best
     for i, segment in enumerate(s.segments):
-        x, v = s.model.motion(best.values, best.terms, best.starts[i], segment)
+        x = v = np.zeros(0)
+        if best.starts:  # none where the model is a sum of modes
+            x, v = s.model.motion(best.values, best.terms, best.starts[i], segment)
         found.append(
             Trace(
                 segment.recording,
@@ -574,7 +598,7 @@ def _tests(s: Subject, new: Sequence[Term], taken: Sequence[Finding]) -> list[st
     return tests
 
 
-def _saved(s: Subject, new: Sequence[Term]) -> dict[str, Any]:
+def _saved(s: Subject, new: Sequence[Term], corrected: Sequence[Finding]) -> dict[str, Any]:
     """The extended model as the baseline of a next search."""
     items: list[Any] = [
         {'name': item.name, 'values': dict(item.values)} if item.values else item.name
@@ -585,7 +609,15 @@ def _saved(s: Subject, new: Sequence[Term]) -> dict[str, Any]:
         values = {n.name: best.values[key(term, n)] for n in term.numbers}
         items.append({'name': term.name, 'values': values} if values else term.name)
     saved: dict[str, Any] = {'baseline': items, 'values': dict(best.values)}
+    wrong = {str(f.parameters['name'].value) for f in corrected}
+    saved['corrected'] = {name: best.values[fitted] for name, fitted in STATED if name in wrong}
+    saved['sensor'] = {
+        stated: {'value': best.values[fitted], 'std': best.std.get(fitted, 0.0)}
+        for stated, fitted in STATED
+        if stated in wrong
+    }
     if s.modes is not None:
         saved['modes'] = len(s.modes.frequencies)
         saved['frequencies'] = list(s.modes.frequencies)
+        saved['damping_ratios'] = list(s.modes.damping_ratios)
     return saved

@@ -39,6 +39,8 @@ CLOSE = 60.0  # chi-square within which a second model is kept beside the best
 DEPTH = 3
 TOLERANCE = 1e-6  # of chi-square, at which a trial fit ends
 EVALUATIONS = 15
+NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the best
+POLISHED = 'polished'
 STEP = 1e-4
 FIRST_ORDER = 2  # of the low-pass that is looked for before its other orders are
 LATE = {1: 1.0, 2: 1.414, 3: 2.0, 4: 2.613, 6: 3.864, 8: 5.126}  # delay times corner, 1/(2 pi)
@@ -124,6 +126,7 @@ class Tangent:
 
     residual: Array  # projected, shape (n,)
     basis: Array  # orthonormal rows, shape (k, n)
+    slopes: Array  # of the prediction by the fit's numbers over their scales, shape (n, k)
 
     def explained(self, columns: Array) -> tuple[float, Array]:
         """Chi-square that columns, shape (c, n), could take away, and by which factors."""
@@ -153,7 +156,7 @@ def tangent(model: Model, made: Fit, segments: Sequence[Segment]) -> Tangent:
     size = np.linalg.norm(matrix, axis=0)
     u, s, _ = np.linalg.svd(matrix / np.where(size > 0.0, size, 1.0), full_matrices=False)
     basis = np.ascontiguousarray(u[:, s > 1e-9 * s[0]].T)
-    return Tangent(residual - basis.T @ (basis @ residual), basis)
+    return Tangent(residual - basis.T @ (basis @ residual), basis, matrix)
 
 
 def change(
@@ -180,21 +183,76 @@ class _Prospect:
     gain: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Look:
+    """What a term does to the baseline's prediction from one start; rows (c, n) by amount."""
+
+    term: Term
+    start: Mapping[str, float]
+    rows: NDArray[np.float32]
+
+    def prospect(self, here: Tangent) -> _Prospect:
+        """What it could explain beside a fit, linearly."""
+        gain, factors = here.explained(self.rows.astype(np.float64))
+        amounts = [n for n in self.term.numbers if n.name in self.term.amounts]
+        if not amounts:
+            return _Prospect(self.term, self.start, gain if factors[0] > 0.0 else 0.0)
+        found = dict(self.start)
+        for n, factor in zip(amounts, factors, strict=True):
+            name = key(self.term, n)
+            value = self.start[name] * float(np.clip(factor, -1e3, 1e3))
+            if not n.lower <= value <= n.upper and len(amounts) == 1:
+                gain = 0.0
+            found[name] = min(max(value, n.lower + 1e-3 * n.scale), n.upper)
+        return _Prospect(self.term, found, gain)
+
+
+def looks(
+    model: Model, made: Fit, terms: Sequence[Term], segments: Sequence[Segment]
+) -> list[_Look]:
+    """Every term from every start, simulated once beside the baseline.
+
+    Beside other models the same is taken: effects that are small against the motion add up.
+    """
+    found = []
+    for term in terms:
+        both = (*made.terms, term)
+        for start in _starts(term):
+            whole = change(model, made, both, {**made.values, **start}, segments)
+            if not np.all(np.isfinite(whole)) or float(whole @ whole) < 1e-12:
+                continue
+            rows = [whole]
+            amounts = [n for n in term.numbers if n.name in term.amounts]
+            if len(amounts) > 1:
+                rows = []
+                for n in amounts:
+                    half = {**made.values, **start, key(term, n): 0.5 * start[key(term, n)]}
+                    rows.append(2.0 * (whole - change(model, made, both, half, segments)))
+            found.append(_Look(term, start, np.stack(rows).astype(np.float32)))
+    return found
+
+
 def prospects(
-    model: Model, made: Fit, candidates: Sequence[Term], segments: Sequence[Segment]
+    model: Model,
+    made: Fit,
+    candidates: Sequence[_Look],
+    segments: Sequence[Segment],
+    here: Tangent | None = None,
 ) -> list[_Prospect]:
     """The best start of every candidate, by the chi-square that it could take away."""
-    here = tangent(model, made, segments)
+    here = tangent(model, made, segments) if here is None else here
+    best: dict[str, list[_Prospect]] = {}
+    for look in candidates:
+        best.setdefault(look.term.label, []).append(look.prospect(here))
     found = []
-    for term in candidates:
-        best: _Prospect | None = None
-        for start in _starts(term):
-            tried = _look(model, made, term, start, here, segments)
-            if tried is not None and (best is None or tried.gain > best.gain):
-                best = tried
-        if best is not None:
-            found.append(best)
+    for tried in best.values():
+        tried.sort(key=lambda p: -p.gain)
+        found.append(max((_again(model, made, p, here, segments) for p in tried[:2]), key=_gained))
     return sorted(found, key=lambda p: -p.gain)
+
+
+def _gained(prospect: _Prospect) -> float:
+    return prospect.gain
 
 
 def _starts(term: Term) -> list[dict[str, float]]:
@@ -204,41 +262,21 @@ def _starts(term: Term) -> list[dict[str, float]]:
     ]
 
 
-def _look(
-    model: Model,
-    made: Fit,
-    term: Term,
-    start: Mapping[str, float],
-    here: Tangent,
-    segments: Sequence[Segment],
-) -> _Prospect | None:
-    """One start: amounts are stretched to what the residual asks for, then looked at again."""
-    terms = (*made.terms, term)
-
-    def effect(initial: Mapping[str, float]) -> Array:
-        return change(model, made, terms, {**made.values, **initial}, segments)
-
-    whole = effect(start)
-    if not np.all(np.isfinite(whole)) or float(whole @ whole) < 1e-12:
-        return None
-    amounts = [n for n in term.numbers if n.name in term.amounts]
-    if not amounts:
-        gain, factors = here.explained(whole[None])
-        return _Prospect(term, dict(start), gain if factors[0] > 0.0 else 0.0)
-    best = _Prospect(term, dict(start), here.taken(whole))
-    shapes = [whole]
-    if len(amounts) > 1:
-        half = [{**start, key(term, n): 0.5 * start[key(term, n)]} for n in amounts]
-        shapes = [2.0 * (whole - effect(less)) for less in half]
-    _, factors = here.explained(np.stack(shapes))
-    stretched = dict(start)
-    for n, factor in zip(amounts, factors, strict=True):
-        value = start[key(term, n)] * float(np.clip(factor, -1e3, 1e3))
-        stretched[key(term, n)] = min(max(value, n.lower + 1e-3 * n.scale), n.upper)
-    again = effect(stretched)
-    if np.all(np.isfinite(again)) and here.taken(again) > best.gain:
-        best = _Prospect(term, stretched, here.taken(again))
-    return best
+def _again(
+    model: Model, made: Fit, prospect: _Prospect, here: Tangent, segments: Sequence[Segment]
+) -> _Prospect:
+    """A promising start, simulated beside the fit itself."""
+    if prospect.gain < HOPE or not prospect.term.amounts:
+        return prospect
+    values = {**made.values, **prospect.initial}
+    effect = change(model, made, (*made.terms, prospect.term), values, segments)
+    if not np.all(np.isfinite(effect)):
+        return _Prospect(prospect.term, prospect.initial, 0.0)
+    taken = here.taken(effect)
+    if taken >= HOPE:
+        return _Prospect(prospect.term, prospect.initial, taken)
+    # not straight in its amount: the fit has to find it
+    return _Prospect(prospect.term, prospect.initial, 0.5 * prospect.gain)
 
 
 class _Fits:
@@ -246,6 +284,11 @@ class _Fits:
 
     def __init__(self, model: Model, segments: Sequence[Segment], baseline: Fit) -> None:
         self.model, self.segments, self.baseline = model, segments, baseline
+        self.here = tangent(model, baseline, segments)
+        first = [
+            t for t in model.terms if t.name != 'low_pass_filter' or filter_of(t)[0] == FIRST_ORDER
+        ]
+        self.looks = looks(model, baseline, first, segments)
         self.known: dict[frozenset[str], Fit] = {_labels(baseline.terms): baseline}
 
     def make(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
@@ -254,9 +297,32 @@ class _Fits:
             scaled = tuple(_measured_by(t, initial) for t in terms)
             values = {**base.values, **initial}
             self.known[names] = fit(
-                self.model, scaled, self.segments, values, base.starts, EVALUATIONS, TOLERANCE
+                self.model,
+                scaled,
+                self.segments,
+                values,
+                base.starts,
+                EVALUATIONS,
+                TOLERANCE,
+                -self.here.slopes,
             )
         return self.known[names]
+
+    def polish(self, made: Fit) -> Fit:
+        """A fit once more, with every derivative taken anew."""
+        if made.label != POLISHED and made is not self.baseline:
+            names = _labels(made.terms)
+            better = fit(
+                self.model,
+                made.terms,
+                self.segments,
+                made.values,
+                made.starts,
+                EVALUATIONS,
+                TOLERANCE,
+            )
+            self.known[names] = dataclasses.replace(better, label=POLISHED)
+        return self.known[_labels(made.terms)]
 
 
 def _measured_by(term: Term, initial: Mapping[str, float]) -> Term:
@@ -302,6 +368,11 @@ def exact_search(
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
     best = _prune(fits, best, judge)
     best = _against_rivals(fits, best, judge)
+    level = judge.criterion(best, baseline) + NEAR
+    for made in [f for f in fits.known.values() if judge.criterion(f, baseline) < level]:
+        fits.polish(made)
+    best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
+    best = fits.polish(_prune(fits, best, judge))
     if best is not baseline and not judge.better(baseline, best):
         best = baseline
     rivals = tuple(f for f in fits.known.values() if f is not best)
@@ -310,13 +381,9 @@ def exact_search(
 
 def _grow(fits: _Fits, base: Fit, most: int) -> list[Fit]:
     """Fits with one term more; the friction family starts from its simplest member."""
-    candidates = [
-        t
-        for t in fits.model.terms
-        if all(t.stands_with(o) for o in base.terms)
-        and (t.name != 'low_pass_filter' or filter_of(t)[0] == FIRST_ORDER)
-    ]
-    ranked = prospects(fits.model, base, candidates, fits.segments)
+    candidates = [look for look in fits.looks if all(look.term.stands_with(o) for o in base.terms)]
+    here = fits.here if base is fits.baseline else None
+    ranked = prospects(fits.model, base, candidates, fits.segments, here)
     made: list[Fit] = []
     names: dict[str, int] = {}
     for p in ranked:

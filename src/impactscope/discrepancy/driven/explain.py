@@ -15,7 +15,7 @@ from impactscope.discrepancy.driven.describe import Subject, describe
 from impactscope.discrepancy.driven.exact import exact_search, reduced
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.guess import equation_start
-from impactscope.discrepancy.driven.modal import further_modes
+from impactscope.discrepancy.driven.modal import Modes, further_modes
 from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
 from impactscope.discrepancy.driven.oscillation import linear_oscillator
 from impactscope.discrepancy.driven.plate import plate_under_hammer
@@ -39,7 +39,7 @@ LINEAR = (
 )
 GLANCE = Effort(depth=1, tried=3, beam=1)
 MOSTLY_NOISE = 30.0  # reduced chi-square of a baseline beyond which it is not looked at as noise
-NOISE = 1.5  # reduced chi-square of an answer up to which it is
+NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
 CHAIN_EFFORT = Effort(numbers=6, depth=4, tried=8, beam=3)
 
@@ -59,9 +59,10 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     tell(0.02, 'fitting the baseline')
     notes = list(campaign.notes)
     parts, model, segments, linear = _start(campaign, notes)
+    answer: Answer | None = None
     if campaign.kind is CampaignKind.DRIVEN and isinstance(model, OscillatorModel):
-        answer = _under_hammer(campaign, parts, model, segments, linear, notes, tell)
-        if answer is not None:
+        answer, sure = _under_hammer(campaign, parts, model, segments, linear, notes, tell)
+        if answer is not None and sure:
             return answer
     baseline = _with_known(campaign, model, segments, linear)
     judge = Judge(segments, len({t.name for t in model.terms}))
@@ -71,6 +72,8 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     elif 'stiffness' in linear.values and 'mass' in linear.values and _modal(campaign, parts):
         tell(0.1, 'trying further modes')
         modes = further_modes(parts, segments, baseline, _modes(campaign), judge)
+        if modes is not None and modes.stated is not None:
+            return _of_modes(campaign, model, segments, judge, modes, notes)
         if modes is not None and _power(modes.fit, segments) < MODAL * _power(baseline, segments):
             effort = GLANCE
     tell(0.3, 'searching')
@@ -87,7 +90,10 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
         modes = None
     tell(0.95, 'describing')
     subject = Subject(campaign, model, segments, judge, outcome, modes, tuple(notes))
-    return describe(subject)
+    described = describe(subject)
+    if answer is not None and set(described.accepted) <= {'unknown'}:
+        return answer
+    return described
 
 
 def _under_hammer(
@@ -98,16 +104,19 @@ def _under_hammer(
     linear: Fit,
     notes: Sequence[str],
     tell: Progress,
-) -> Answer | None:
-    """The answer where noise is all that a right model leaves; None where it is not."""
+) -> tuple[Answer | None, bool]:
+    """The answer where noise is all that a right model leaves, and whether it is.
+
+    None where that cannot be, because the input is no hammer or far more than noise is left.
+    """
     if 'stiffness' not in linear.values or _modes(campaign) > 1:
-        return None
+        return None, False
     plate = plate_under_hammer(parts, model, segments, linear)
     if plate is None:
-        return None
+        return None, False
     baseline = _with_known(campaign, plate.model, plate.segments, plate.baseline)
     if reduced(plate.judge, baseline) > MOSTLY_NOISE:
-        return None
+        return None, False
     tell(0.1, 'searching')
     outcome = exact_search(
         plate.model,
@@ -116,25 +125,39 @@ def _under_hammer(
         plate.judge,
         lambda share: tell(0.1 + 0.75 * share, 'searching'),
     )
-    if reduced(plate.judge, outcome.best) > NOISE:
-        return None
     tell(0.9, 'looking for what the library lacks')
     gain = plate.judge.gain(baseline, outcome.best).fitted
     said = verdict(plate.model, baseline, outcome.best, gain, plate.segments)
     tell(0.95, 'describing')
-    return describe(
-        Subject(
-            campaign,
-            plate.model,
-            plate.segments,
-            plate.judge,
-            outcome,
-            None,
-            tuple(notes),
-            plate,
-            said,
-        )
+    subject = Subject(
+        campaign,
+        plate.model,
+        plate.segments,
+        plate.judge,
+        outcome,
+        None,
+        tuple(notes),
+        plate,
+        said,
     )
+    return describe(subject), reduced(plate.judge, outcome.best) < NOISE
+
+
+def _of_modes(
+    campaign: Campaign,
+    model: Model,
+    segments: list[Segment],
+    judge: Judge,
+    modes: Modes,
+    notes: Sequence[str],
+) -> Answer:
+    """The answer for a structure that is said to have several modes: whether it has more."""
+    stated = modes.stated
+    assert stated is not None  # noqa: S101 - called only then
+    notes = [*notes, 'On a structure of several modes only further modes are looked for.']
+    outcome = Outcome(stated, stated, (), believed=False)
+    more = modes if modes.fit is not stated else None
+    return describe(Subject(campaign, model, segments, judge, outcome, more, tuple(notes)))
 
 
 def _modal(campaign: Campaign, parts: Sequence[Cut]) -> bool:

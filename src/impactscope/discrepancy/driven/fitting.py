@@ -70,9 +70,17 @@ def numbers_of(model: Model, terms: tuple[Term, ...]) -> list[tuple[str, Number]
     return found + [(key(t, n), n) for t in terms for n in t.numbers]
 
 
-def _differences(function: Callable[[Array], Array], theta: Array, at_theta: Array) -> Array:
+def _differences(
+    function: Callable[[Array], Array],
+    theta: Array,
+    at_theta: Array,
+    frozen: Array | None = None,
+) -> Array:
     jacobian = np.empty((at_theta.size, theta.size))
-    for j in range(theta.size):
+    known = 0 if frozen is None else frozen.shape[1]
+    if frozen is not None:
+        jacobian[:, :known] = frozen
+    for j in range(known, theta.size):
         moved = theta.copy()
         moved[j] += STEP
         jacobian[:, j] = (function(moved) - at_theta) / STEP
@@ -109,6 +117,7 @@ def fit(
     starts: Sequence[Array] | None = None,
     evaluations: int = MOST_EVALUATIONS,
     tolerance: float = ROUGH,
+    slopes_of_first: Array | None = None,
 ) -> Fit:
     """Fit a model with these terms to the segments that are not held out.
 
@@ -120,6 +129,8 @@ def fit(
         starts: beginnings to set out from, by segment.
         evaluations: of the prediction at most, without those for derivatives.
         tolerance: relative fall of the sum of squares at which the fit ends.
+        slopes_of_first: derivatives of the residual as it counts by the first numbers, each over
+            its scale, where they are known well enough; shape (n_samples, n_first).
     """
     shared = numbers_of(model, terms)
     own = [model.starts(s) for s in segments]
@@ -167,9 +178,11 @@ def fit(
 
     def jacobian(theta: Array) -> Array:
         made = next((r for t, r in last if np.array_equal(t, theta)), None)
-        return _differences(residual, theta, residual(theta) if made is None else made)
+        at_theta = residual(theta) if made is None else made
+        return _differences(residual, theta, at_theta, frozen)
 
     theta = np.array(x0)
+    frozen = None if slopes_of_first is None else slopes_of_first / math.sqrt(total)
     spent = 0
     if theta.size:
         solution = least_squares(

@@ -40,6 +40,7 @@ class Modes:
     frequencies: tuple[float, ...]  # Hz
     damping_ratios: tuple[float, ...]
     std: tuple[tuple[float, float], ...]  # of frequency and damping ratio
+    stated: Fit | None = None  # as many modes as the campaign says, where these are several
 
 
 def _columns(drive: Array, poles: Array, period: float) -> Array:
@@ -176,7 +177,8 @@ def further_modes(
 ) -> Modes | None:
     """The linear system with as many modes as recordings bear out; None where none helps.
 
-    ``modes``: how many the baseline is said to have.
+    ``modes``: how many the baseline is said to have; if several, the fit with these alone is
+    given besides, and as the answer where no further one helps.
     """
     problem = _Problem(parts, segments)
     omega = math.sqrt(
@@ -186,15 +188,18 @@ def further_modes(
     poles = np.log([omega, min(max(ratio, 2 * NARROWEST), 0.5)])
     best: tuple[Fit, Array, Array] | None = None
     previous, idle = baseline, 0
-    while poles.size // 2 <= MOST_MODES and idle < 2:
+    stated: Fit | None = None
+    while poles.size // 2 <= max(MOST_MODES, modes + 2) and idle < 2:
         poles, jacobian = problem.refine(poles, 12)
         made, std = problem.fit(poles, jacobian, modes)
-        if judge.better(previous, made):
+        if 1 < poles.size // 2 <= modes or poles.size // 2 < modes:
+            best, previous, stated = (made, poles.copy(), std), made, made
+        elif judge.better(previous, made):
             best, previous, idle = (made, poles.copy(), std), made, 0
         else:
             idle += 1
         poles = np.concatenate([poles, problem.peak(made.residuals, poles)])
-    if best is None or best[1].size // 2 <= modes:
+    if best is None or (best[1].size // 2 <= modes and stated is None):
         return None
     made, poles, std = best
     order = np.argsort(poles[::2])
@@ -209,4 +214,5 @@ def further_modes(
             )
             for k in order
         ),
+        stated,
     )

@@ -140,9 +140,6 @@ def _groups(p: _Plate) -> Iterator[tuple[str, list[Array]]]:
     each = list(p.alone(xs, force=True))
     yield 'a stiffness that differs between recordings', each
     yield 'a damping that differs between recordings', list(p.alone(vs, force=True))
-    yield 'a gain that differs between recordings', list(p.alone(p.outputs, force=False))
-    slopes = [np.gradient(y, p.period) for y in p.outputs]
-    yield 'a time that differs between recordings', list(p.alone(slopes, force=False))
     yield (
         'an offset that differs between recordings',
         list(p.alone([np.ones(x.size) for x in xs], force=False)),

@@ -79,10 +79,23 @@ def hammer_force(samples: Array, period: float) -> HammerForce | None:
     fourth[2:-2] = np.abs(np.diff(samples, 4)) / CORNER
     fourth = ndimage.maximum_filter1d(fourth, 3)
     for begin, end in found:
-        force[begin:end] = smooth[begin:end] - level
+        force[begin:end] = _same_moments(samples[begin:end], smooth[begin:end]) - level
         variance[begin:end] = noise**2 + fourth[begin:end] ** 2
         smooth_variance[begin:end] = left[begin:end]
     return HammerForce(force, variance, smooth_variance, noise, tuple(found))
+
+
+def _same_moments(samples: Array, smooth: Array) -> Array:
+    """Smoothed samples of a blow with the impulse and the first two moments of the measured ones.
+
+    Smoothing may be wrong a little everywhere, but not in sum: that is what rings on.
+    """
+    time = np.linspace(-1.0, 1.0, samples.size)
+    powers = np.stack([np.ones_like(time), time, time**2])
+    shapes = powers * (1.0 - time**2)
+    return np.asarray(
+        smooth + np.linalg.solve(powers @ shapes.T, powers @ (samples - smooth)) @ shapes
+    )
 
 
 def _smoothed(samples: Array, noise: float) -> tuple[Array, Array]:
@@ -151,7 +164,8 @@ def whitener(
     shows = np.eye(3, 2)[derivative] if derivative < 2 else rates[1]
     through = 1.0 / mass if derivative == 2 else 0.0
     error = np.zeros(samples) if force is None else force.variance
-    sensor = np.zeros(samples) if force is None else force.smooth_variance
+    # smoothing leaves the slow part of the noise as it is
+    sensor = np.zeros(samples) if force is None else np.minimum(error, force.noise**2)
     gain, scale = np.empty((samples, 2)), np.empty(samples)
     _gains(
         np.ascontiguousarray(transition),
