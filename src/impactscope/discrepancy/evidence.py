@@ -41,6 +41,7 @@ class Thresholds:
     false_finding: float = 0.003  # chance of a finding in a campaign where nothing is missing
     false_region: float = 0.01  # share of false regions among those that are named
     unexplained_ratio: float = 1.2  # reduced chi-square above which something is unknown
+    inadequate: float = 0.002  # chance of what is left under noise, below which it is not noise
     confusable: float = 0.02  # relative probability from which an explanation is not excluded
     held_out_loss: float = 9.0  # chi-square by which held-out recordings may get worse by chance
 

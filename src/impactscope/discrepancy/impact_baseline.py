@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from impactscope.discrepancy.campaign import Campaign, Quantity
 from impactscope.discrepancy.impact_data import BlowData, CampaignData
-from impactscope.discrepancy.impact_fit import Fit, fit, grow
 from impactscope.discrepancy.impact_model import ActiveEffect, Free, ImpactModel
-from impactscope.errors import ConfigurationError, ImpactscopeError
+from impactscope.errors import ConfigurationError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum
 
 Array = NDArray[np.float64]
 
-__all__ = ['STRUCTURE', 'baseline_model', 'fit_baseline', 'implied_shares', 'place']
+__all__ = ['STRUCTURE', 'baseline_model', 'implied_shares']
 
 STRUCTURE = ('linear_sensor', 'zener_damper', 'hertz_contact')
 """What a baseline is built on, beside mechanisms."""
@@ -32,9 +29,6 @@ _SENSOR = {  # start values and relative scales where a number is to be estimate
     'damping_ratio': (0.06, 0.1, 1e-4, 2.0),
 }
 _PENDULUM = ('rod_mass', 'rod_length', 'contact_distance', 'moving_mass')
-_REPEATABLE = 1e-5  # relative, of a speed
-_MASS_STARTS = (0.4, 0.9, 1.7, 3.5)  # kg
-_TIME_SHIFTS = (-4e-3, -2e-3, -1e-3, -5e-4, -2.5e-4, 0.0)  # s
 
 
 def baseline_model(campaign: Campaign, data: CampaignData) -> ImpactModel:
@@ -69,55 +63,6 @@ def baseline_model(campaign: Campaign, data: CampaignData) -> ImpactModel:
         _blow(campaign, blow, i, geometry, constants, free)
     effects = _effects(campaign, data, geometry, constants, free)
     return ImpactModel(data, constants, tuple(free), tuple(effects))
-
-
-def fit_baseline(model: ImpactModel) -> Fit:
-    """The baseline re-tuned to the blows that are fitted, from a cold start."""
-    blows = model.data.fitted
-    starts = [model.start()]
-    if any(f.key == 'sensor.moving_mass' and f.prior is None for f in model.free):
-        starts = []
-        for mass in _MASS_STARTS:
-            x = model.start()
-            x[model.index('sensor.moving_mass')] = math.log(mass)
-            starts.append(x)
-    tried: list[tuple[float, Fit]] = []
-    for x in starts:
-        placed = place(model, x, blows)
-        for window in (0.012, 0.03):
-            short = fit(model, model.layout(blows, window), placed, iterations=8, settled=1.0)
-            placed = short.x
-        tried.append((short.chi_square, short))
-    best = min(tried, key=lambda item: item[0])[1]
-    grown = grow(model, blows, best.x, windows=(0.08, 0.2))
-    model = with_repeatability(model, grown.x)
-    return grow(model, blows, grown.x, windows=(0.2, math.inf))
-
-
-def with_repeatability(model: ImpactModel, x: Array) -> ImpactModel:
-    """The model with what no bench repeats counted as noise.
-
-    Every further contact amplifies the smallest difference of speed: where a relative change of
-    ``_REPEATABLE`` would be seen, a bin tells less than its noise says.
-    """
-    values = model.values(x)
-    blows = []
-    for i, blow in enumerate(model.data.blows):
-        key = next((k for k in (f'angle@{i}', f'speed@{i}') if k in values), None)
-        if key is None:
-            blows.append(blow)
-            continue
-        here = model.predict(values, i)
-        there = model.predict({**values, key: values[key] * (1 + 2 * _REPEATABLE)}, i)
-        channels = {}
-        for name, channel in blow.channels.items():
-            change = np.abs(there.means[name] - here.means[name])
-            change = ndimage.maximum_filter1d(change, 5)
-            std = np.where(channel.used, np.hypot(channel.std, change), 1.0)
-            channels[name] = dataclasses.replace(channel, std=std)
-        blows.append(dataclasses.replace(blow, channels=channels))
-    data = dataclasses.replace(model.data, blows=tuple(blows))
-    return dataclasses.replace(model, data=data)
 
 
 def implied_shares(model: ImpactModel, name: str) -> dict[str, float]:
@@ -307,25 +252,3 @@ def _pendulum(values: Mapping[str, float], i: int) -> Pendulum:
     distance = values.get(f'mass_distance@{i}', 0.15)
     numbers = {name: values[f'pendulum.{name}'] for name in _PENDULUM}
     return Pendulum(**numbers, mass_distance=distance)
-
-
-def place(model: ImpactModel, x: Array, chosen: Sequence[int]) -> Array:
-    """``x`` with the moment of each chosen blow where a short simulation fits best."""
-    layout = model.layout(chosen, 0.012)
-    best = np.full(len(model.data.blows), math.inf)
-    placed = x.copy()
-    for shift in _TIME_SHIFTS:
-        trial = x.copy()
-        for i in layout.blows:
-            trial[model.index(f'time@{i}')] = model.data.blows[i].onset + shift
-        try:
-            values = model.values(trial)
-            costs = {i: model.blow_residuals(values, i, layout) for i in layout.blows}
-        except ImpactscopeError:
-            continue
-        for i, residual in costs.items():
-            cost = float(residual @ residual)
-            if cost < best[i]:
-                best[i] = cost
-                placed[model.index(f'time@{i}')] = trial[model.index(f'time@{i}')]
-    return placed

@@ -219,6 +219,8 @@ def _starts(
             values = tuple(share * scene.speed for share in (0.02, 0.1, 0.4))
         elif p.name == 'gap':
             values = tuple(share * scene.travel for share in (0.003, 0.05))
+        elif p.name == 'mass' and p.absent is None:
+            values = (6.0, 40.0, 300.0, 2000.0)  # the heavier, the weaker the effect
         elif p.name == 'start' and kind.name == 'external_push':
             values = (0.0, 0.05, 0.15)
         elif p.name == 'frequency':
@@ -228,7 +230,7 @@ def _starts(
             values = p.start[:1]  # its strength is found by scaling
         lists.append(values)
     tag = kind.name
-    combinations = itertools.islice(itertools.product(*lists), 12)
+    combinations = itertools.islice(itertools.product(*lists), 16)
     return tuple(
         {f'{tag}.{p.name}': v for p, v in zip(fitted, combination, strict=True)}
         for combination in combinations
@@ -280,11 +282,11 @@ def _chain_candidates(kind: Mechanism, channel: str, scene: _Scene) -> Iterator[
         )
     elif kind.name == 'saturation':
         key = f'{tag}.limit'
-        peak = scene.peak[channel]
+        peak = max(scene.peak[channel], noise)
         yield Candidate(
             label=tag,
             free=(Free(key, peak, 0.02, 0.05 * peak, 1.2 * peak, logarithmic=True),),
-            starts=tuple({key: s * peak} for s in (0.97, 0.85, 0.6)),
+            starts=tuple({key: s * peak} for s in (0.999, 0.97, 0.85, 0.6)),
             **common,  # type: ignore[arg-type]
         )
     elif kind.name == 'clock_error':

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import integrate
+from scipy import integrate, ndimage
 
 from impactscope.discrepancy.campaign import Campaign, CampaignRecording, ChannelSamples, Role
 from impactscope.discrepancy.evidence import noise_std, quantisation_step
@@ -32,14 +32,18 @@ IntArray = NDArray[np.int64]
 
 CHANNELS = ('force', 'acceleration.plate', 'acceleration.impactor', 'acceleration.base')
 
-LEAD = 0.25  # s before the onset that are used at most
-LENGTH = 0.45  # s after the onset that are used at most
+LEAD = 2.0  # s before the onset that are used at most
+LENGTH = 4.0  # s after the onset that are used at most
+RETURN = 0.35  # s after which a pendulum on the horizontal bench may be back
 CAUGHT = 0.09  # s after which a pendulum on the horizontal bench may have been caught
 TAP_LEAD = 5e-3  # s before the onset of a tap that may show its beginning
 _SHORTEST_TAP = 4e-3  # s, counted out at least
 _PRESUMED_TAP = 0.015  # s, counted out where the end cannot be seen
 _LONGEST_TAP = 0.035  # s after its onset in which the end of a tap is looked for
 _FINE_UNTIL = 0.025  # s after the onset in which every sample counts
+_LATE = 0.3  # s after the onset from which a bench may be still
+_STILL = 0.02  # s over which it is
+_LONG_BIN = 4e-3  # s, where nothing changes
 _FLOOR = 0.05  # of the noise, of a sample: what two sound simulations may differ by
 _RELATIVE_FLOOR = 2e-4  # of the value
 _TIME_FLOOR = 2e-7  # s, of the moment of a sample
@@ -59,7 +63,8 @@ class BinnedChannel:
     nodes: Array  # times at which the simulation is averaged, s, shape (2, n_bins)
     centres: Array  # s
     means: Array
-    std: Array  # standard deviation of the means
+    std: Array  # standard deviation of the means, with what a bench does not repeat
+    own_std: Array  # standard deviation of the means by noise alone
     used: NDArray[np.bool_]
     noise: float  # of a sample
     step: float = 0.0  # of the converter, 0 where it cannot be seen
@@ -214,7 +219,9 @@ def _blow(
         channel = recording.channels.get(name)
         if channel is None or name not in noise:
             continue
-        last = CAUGHT if swinging and name == 'acceleration.impactor' else LENGTH
+        last = LENGTH
+        if swinging:  # nobody knows whether it comes back
+            last = CAUGHT if name == 'acceleration.impactor' else RETURN
         coarse = name in ('force', 'acceleration.base')
         binned = _bin(channel, onset, noise[name], last, coarse=coarse)
         channels[name] = binned
@@ -297,7 +304,10 @@ def _bin(
     # two nodes reproduce two samples exactly; longer bins would blur the kinks of contacts
     shortest = max(1, round(2e-4 * rate))
     size = np.full(samples.size, max(2, shortest) if coarse else shortest)
-    size[since < -5e-3] = max(1, round(2e-3 * rate))
+    size[since < -5e-3] = max(1, round(_LONG_BIN * rate))
+    size[(since > _LATE) & _still(samples, sigma, round(_STILL * rate))] = max(
+        1, round(_LONG_BIN * rate)
+    )
     size[(since >= -5e-3) & (since < _FINE_UNTIL)] = 1
     size[_quick(samples, sigma, round(1.5e-3 * rate))] = 1
     edges = _edges(size)
@@ -314,6 +324,7 @@ def _bin(
     if math.isfinite(clip):
         hit = np.abs(samples) >= clip * (1 - 1e-6)
         used &= np.add.reduceat(hit.astype(np.int64), edges) == 0
+    std = np.where(used, np.sqrt(np.where(used, variance, 1.0)), 1.0)
     return BinnedChannel(
         name=channel.name,
         unit=channel.unit,
@@ -325,7 +336,8 @@ def _bin(
         nodes=np.stack([centres - half, centres + half]),
         centres=centres,
         means=np.where(used, means, 0.0),
-        std=np.where(used, np.sqrt(np.where(used, variance, 1.0)), 1.0),
+        std=std,
+        own_std=std,
         used=used,
         noise=sigma,
         step=step,
@@ -343,6 +355,17 @@ def _quick(samples: Array, sigma: float, reach: int) -> NDArray[np.bool_]:
     if reach > 0 and quick.any():
         quick = np.convolve(quick, np.ones(2 * reach + 1), 'same') > 0.5
     return quick
+
+
+def _still(samples: Array, sigma: float, width: int) -> NDArray[np.bool_]:
+    """Samples around which nothing is seen but noise."""
+    if width < 8:
+        return np.zeros(samples.size, dtype=np.bool_)
+    known = np.nan_to_num(samples)
+    mean = ndimage.uniform_filter1d(known, width)
+    power = ndimage.uniform_filter1d((known - mean) ** 2, width)
+    loud = power > (1.0 + 4.0 / math.sqrt(width)) * sigma**2
+    return np.asarray(~ndimage.binary_dilation(loud, iterations=width))
 
 
 def _edges(size: IntArray) -> IntArray:

@@ -20,11 +20,13 @@ from impactscope.discrepancy.answer import (
 )
 from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.evidence import Thresholds, probabilities
-from impactscope.discrepancy.impact_baseline import baseline_model, fit_baseline
+from impactscope.discrepancy.impact_adequacy import adequacy
+from impactscope.discrepancy.impact_baseline import baseline_model
 from impactscope.discrepancy.impact_candidates import Candidate
 from impactscope.discrepancy.impact_data import CampaignData, prepare
 from impactscope.discrepancy.impact_fit import Fit
-from impactscope.discrepancy.impact_search import Found, Outcome, Search, held_out_fit
+from impactscope.discrepancy.impact_follow import fit_baseline
+from impactscope.discrepancy.impact_search import Found, Outcome, Search
 from impactscope.discrepancy.locate import Phase, Strip, locate, phases
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 from impactscope.physics.twin import layout as at
@@ -69,13 +71,7 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
     search = Search(campaign.baseline_names, thresholds, progress)
     outcome = search.run(baseline)
     progress(0.9, 'held-out recordings')
-    held_out = outcome.final.model.data.held_out
-    outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
-    outcome.held_out_baseline = (
-        held_out_fit(outcome.baseline, held_out, outcome.window)
-        if outcome.accepted
-        else outcome.held_out_final
-    )
+    search.check(outcome)
     progress(0.95, 'regions')
     return _answer(campaign, data, outcome, thresholds)
 
@@ -84,13 +80,13 @@ def _answer(
     campaign: Campaign, data: CampaignData, outcome: Outcome, thresholds: Thresholds
 ) -> Answer:
     direct = _direct_findings(data)
-    accepted = _not_contradicted(outcome, thresholds)
+    accepted = list(outcome.accepted)
     unexplained, description = _unexplained(outcome, thresholds)
     traces, strips = _pictures(outcome)
     findings = _ranking(outcome, accepted)
     found = [_label(c) for c in accepted] + [f.name for f in direct]
     if unexplained:
-        kept = 0.3
+        kept = _share_of_known(outcome, thresholds)
         findings = [_weaker(f, kept) for f in findings]
         resembles = ', '.join(dict.fromkeys(f.name for f in findings[:1]))
         if resembles:
@@ -109,8 +105,8 @@ def _answer(
     regions = (*_clipped_regions(data), *regions)
     subsystems = dict.fromkeys(f.subsystem for name in found for f in ranking if f.name == name)
     p_value = min(outcome.p_value, 0.0 if direct else 1.0)
-    if unexplained and not accepted:
-        p_value = min(p_value, 1e-9)
+    if unexplained:
+        p_value = min(p_value, outcome.adequacy)
     return Answer(
         campaign=campaign.name,
         kind=campaign.kind.value,
@@ -133,28 +129,27 @@ def _answer(
 # --- decisions -----------------------------------------------------------------------------------
 
 
-def _not_contradicted(outcome: Outcome, thresholds: Thresholds) -> list[Candidate]:
-    """What was accepted, unless recordings that were held out say otherwise."""
-    before, after = outcome.held_out_baseline, outcome.held_out_final
-    if before is None or after is None or not outcome.accepted:
-        return list(outcome.accepted)
-    worse = after.chi_square - before.chi_square
-    if worse > thresholds.held_out_loss * max(1.0, after.reduced):
-        outcome.notes.append(
-            'The held-out recordings contradict what the fitted ones suggest '
-            f'(chi-square rises by {worse:.1f}); nothing is accepted.'
-        )
-        outcome.final, outcome.held_out_final = outcome.baseline, before
-        return []
-    return list(outcome.accepted)
-
-
 def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
     """Whether something is left that nothing explains, and how it behaves."""
     final = outcome.final
     ratio = final.reduced
+    held = outcome.held_out_final
+    tests = adequacy(final)
+    outcome.adequacy = tests.p_value
+    missed = held is not None and held.reduced > thresholds.unexplained_ratio * max(1.0, ratio)
     if ratio <= thresholds.unexplained_ratio:
-        return False, ''
+        if tests.p_value < thresholds.inadequate:
+            return True, (
+                'Something is missing that no known mechanism explains: what is left is as small '
+                f'as the noise, but not of its kind ({tests.worst}; by chance in '
+                f'{tests.p_value:.1g} of campaigns).'
+            )
+        if held is None or not missed:
+            return False, ''
+        return True, (
+            'Something is missing that no known mechanism explains: held-out recordings are '
+            f'missed by {math.sqrt(held.reduced):.3g} times the noise.'
+        )
     parts = []
     for (i, name), span in final.layout.spans.items():
         residual = final.residuals[span]
@@ -220,6 +215,21 @@ def _label(candidate: Candidate) -> str:
     return candidate.name
 
 
+def _share_of_known(outcome: Outcome, thresholds: Thresholds) -> float:
+    """Probability that a known mechanism explains after all what a test calls unexplained."""
+    if outcome.final.reduced > thresholds.unexplained_ratio:
+        return 0.1
+    return 0.02 + 0.28 * min(1.0, outcome.adequacy / thresholds.inadequate)
+
+
+def _listed(gain: float) -> float:
+    """Probability that the truth is among what is known here, for a finding of that evidence.
+
+    A weak effect that nobody has listed looks like one that is.
+    """
+    return 0.97 - 0.2 * math.exp(-max(gain, 0.0) / 60.0)
+
+
 def _weaker(finding: Finding, share: float) -> Finding:
     return Finding(
         finding.name,
@@ -250,7 +260,8 @@ def _ranking(outcome: Outcome, accepted: Sequence[Candidate]) -> list[Finding]:
         mine = outcome.found[candidate.label]
         rivals = outcome.rivals.get(candidate.label, [])
         shares = probabilities([0.0, mine.criterion, *(r.criterion for r in rivals)])
-        own, others = shares[1], shares[2:]
+        listed = _listed(mine.gain)
+        own, others = listed * shares[1], [listed * share for share in shares[2:]]
         confused: dict[str, float] = {}
         for rival, share in zip(rivals, others, strict=True):
             name = rival.candidate.name

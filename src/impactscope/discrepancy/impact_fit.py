@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.impact_model import ImpactModel, Layout
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['Fit', 'at_point', 'fit', 'grow', 'jacobian', 'projector']
+__all__ = ['Fit', 'at_point', 'fit', 'jacobian', 'projector']
 
 Array = NDArray[np.float64]
 
@@ -177,27 +177,6 @@ def fit(
     if not fresh:
         slopes = jacobian(model, x, layout, residuals)
     return Fit(model, layout, x, residuals, slopes, cost, converged)
-
-
-def grow(
-    model: ImpactModel,
-    blows: Sequence[int],
-    start: Array | None = None,
-    windows: Sequence[float] = (0.012, 0.03, 0.08, 0.2, math.inf),
-) -> Fit:
-    """Fit over growing windows after the onset: later contacts amplify small errors of earlier."""
-    x = model.start() if start is None else start
-    for window in windows:
-        last = window == windows[-1]
-        result = fit(
-            model,
-            model.layout(blows, window),
-            x,
-            iterations=25 if last else 12,
-            settled=_SETTLED if last else 1.0,
-        )
-        x = result.x
-    return result
 
 
 def at_point(model: ImpactModel, layout: Layout, x: Array) -> Fit:

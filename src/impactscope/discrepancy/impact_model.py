@@ -43,6 +43,7 @@ TOLERANCE = 1e-7
 SPEED_RATIO = 'impact_speed_loss.ratio'
 _CACHE = 6  # solutions kept for each blow
 _KINK_TIME = 1.5e-5  # s around a reversal in which a sample may fall on either side of its jump
+_TELLS = 3.0  # of its noise, uncertainty of a bin up to which it is fitted
 _WHOLE = ('low_pass_filter', 'ac_coupling')  # effects that need every sample
 _WEIGHTS = ('gravity_load', 'restoring_force')
 _FRICTION_EVENTS = (at.STICKS, at.SLIPS, at.REVERSES)
@@ -67,6 +68,8 @@ class Free:
     def to_inner(self, value: float) -> float:
         """Value in own unit to the number that is fitted."""
         value = min(max(value, self.lower), self.upper)
+        if not value > 0 and self.logarithmic:
+            value = max(self.lower, 1e-300)
         return math.log(value) if self.logarithmic else value
 
     def to_outer(self, inner: float) -> float:
@@ -192,7 +195,8 @@ class ImpactModel:
     def layout(self, blows: Sequence[int], window: float = math.inf) -> Layout:
         """Bins up to ``window`` s after the onset, of the given blows.
 
-        Taps count whole in all but the shortest windows, which for them begin when the hammer
+        Bins that tell next to nothing, because a bench does not repeat them, stay out. Taps
+        count whole in all but the shortest windows, which for them begin when the hammer
         has gone.
         """
         masks, spans, blow_spans, begin = {}, {}, {}, 0
@@ -202,6 +206,7 @@ class ImpactModel:
             length = math.inf if blow.recording.kind == 'tap' and window > 0.02 else window
             for name, channel in blow.channels.items():
                 mask = channel.used & (channel.centres < blow.settled + length)
+                mask &= channel.std < _TELLS * channel.own_std
                 count = int(np.count_nonzero(mask))
                 masks[i, name] = mask
                 spans[i, name] = slice(begin, begin + count)

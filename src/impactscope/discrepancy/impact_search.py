@@ -10,6 +10,7 @@ simple, and checked where later contacts have amplified every error.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,20 +24,22 @@ from impactscope.discrepancy.evidence import (
     information,
     least_gain,
 )
-from impactscope.discrepancy.impact_baseline import place
+from impactscope.discrepancy.impact_adequacy import adequacy
 from impactscope.discrepancy.impact_candidates import Candidate, candidates
-from impactscope.discrepancy.impact_fit import Fit, at_point, fit, grow, jacobian, projector
+from impactscope.discrepancy.impact_fit import Fit, at_point, fit, jacobian, projector
+from impactscope.discrepancy.impact_follow import fit_baseline, further_misfit, held_out_fit
 from impactscope.discrepancy.impact_model import ImpactModel, Layout
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
-__all__ = ['Found', 'Outcome', 'Search', 'held_out_fit']
+__all__ = ['Found', 'Outcome', 'Search']
 
 Array = NDArray[np.float64]
 
 WINDOWS = (0.04, 0.1, 0.25, math.inf)
 """s after the onset over which blows are compared in turn; taps count whole from the start."""
 
+_LOOKED = (0.25,)  # windows in which is looked for weak effects, beside the last
 _MOST = 3  # findings
 _JOINT = 6  # candidates that are fitted jointly in a step
 _AHEAD = 3  # candidates that are fitted jointly where only the way is sought
@@ -44,6 +47,12 @@ _BEAM = 2  # first steps that are followed when none explains the recordings
 _QUIET = 1.15  # reduced chi-square below which a short window holds nothing to look for
 _JUMP = 8.0  # reduced chi-square from which a shorter window is looked at first
 _LOST = 2.0  # reduced chi-square above which a longer window tells nothing more
+_TELLING = 4.0  # ratio of reduced chi-squares from which a structure is another
+_DOUBTED = 5  # candidates that are looked at again where what is left is no noise
+_LEAST_GAIN = 9.0  # of chi-square, of such a candidate
+_SOUND = 10.0  # times the chance from which what is left is no noise
+_FELT = 15.0  # norm of the change by an effect that is weak
+_WEAKER = 4  # times that a trial is made weaker
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
 
 
@@ -79,24 +88,13 @@ class Outcome:
     rivals: dict[str, list[Found]] = field(default_factory=dict)  # label: what else was fitted
     last: list[Found] = field(default_factory=list)  # what was looked at and not accepted
     p_value: float = 1.0
+    doubted: set[str] = field(default_factory=set)  # accepted because nothing else was noise
     looks: int = 1
     window: float = math.inf
+    adequacy: float = 1.0  # chance of what the final model leaves under noise alone
     held_out_baseline: Fit | None = None
     held_out_final: Fit | None = None
     notes: list[str] = field(default_factory=list)
-
-
-def held_out_fit(found: Fit, blows: Sequence[int], window: float = math.inf) -> Fit | None:
-    """Blows predicted with the shared numbers of a fit; only their own unknowns are adjusted."""
-    if not blows:
-        return None
-    values = found.values
-    own = tuple(f for f in found.model.free if f.blow in blows)
-    shared = {f.key: values[f.key] for f in found.model.free if f.blow not in blows}
-    model = found.model.extended(constants=shared)
-    model.free = own
-    steps = [w for w in (0.012, 0.025, 0.05, 0.1, 0.2) if w < window]
-    return grow(model, blows, place(model, model.start(), blows), windows=(*steps, window))
 
 
 def _silent(share: float, text: str) -> None:
@@ -114,8 +112,8 @@ class Search:
 
     def run(self, baseline: Fit) -> Outcome:
         """Search from a fitted baseline on."""
-        outcome = Outcome(baseline, baseline, [])
-        current = baseline
+        current, outcome = self._structure(baseline)
+        baseline = outcome.baseline
         sound: Fit | None = None  # the last fit that a window was content with
         waiting = list(self.windows)
         while waiting:
@@ -132,18 +130,73 @@ class Search:
             outcome.window = window
             if current.reduced > _QUIET and outcome.accepted:
                 current = self._reconsider(current, outcome, sound)
-            if last or current.reduced > _QUIET:
+            if last or current.reduced > _QUIET or window in _LOOKED:
                 current = self._forward(current, outcome, sound, last=last)
             if current.reduced > _LOST and not last:
                 break  # what comes later only amplifies what is not understood
             sound = current if current.reduced < _QUIET else None
-        outcome.final = current
+        outcome.final = self._doubted(current, outcome)
         self._backward(outcome)
         if outcome.final.model is not baseline.model:
             outcome.baseline = fit(baseline.model, outcome.final.layout, baseline.x, iterations=8)
         else:
             outcome.baseline = outcome.final
         return outcome
+
+    def _structure(self, baseline: Fit) -> tuple[Fit, Outcome]:
+        """A baseline that cannot follow the recordings, with another structure from the start.
+
+        What has no number (a contact that cannot pull, the bench's other orientation) changes the
+        motion at once and for good: no fit leads there from a fit without it.
+        """
+        outcome = Outcome(baseline, baseline, [])
+        whole = baseline.model.layout(baseline.model.data.fitted).size
+        if baseline.reduced < _LOST and baseline.layout.size == whole:
+            return baseline, outcome
+        listed = candidates(baseline, self.baseline_names)
+        best: tuple[Candidate, Fit, Fit] | None = None
+        for candidate in (c for c in listed if not c.free):
+            other = fit_baseline(candidate.extend(baseline.model))
+            if other.layout.size < baseline.layout.size:
+                continue
+            plain = dataclasses.replace(baseline.model, data=other.model.data)
+            without = fit(plain, other.layout, baseline.x, iterations=12)
+            if other.reduced * _TELLING < without.reduced and (
+                best is None or other.reduced < best[1].reduced
+            ):
+                best = candidate, other, without
+        if best is None:
+            return baseline, outcome
+        candidate, other, without = best
+        outcome = Outcome(without, other, [candidate], looks=len(listed))
+        item = weigh(candidate, other, without, len(listed))
+        outcome.found[candidate.label] = item
+        outcome.rivals[candidate.label] = []
+        outcome.p_value = item.p_value
+        return other, outcome
+
+    def _doubted(self, current: Fit, outcome: Outcome) -> Fit:
+        """What is left is not noise: the candidate that makes it noise needs less evidence."""
+        while len(outcome.accepted) < _MOST:
+            if adequacy(current).p_value > self.thresholds.inadequate:
+                break
+            able = []
+            for item in outcome.last[:_DOUBTED]:
+                if item.gain > _LEAST_GAIN and item.candidate not in outcome.accepted:
+                    chance = adequacy(item.fit).p_value
+                    if chance > _SOUND * self.thresholds.inadequate:
+                        able.append((item.criterion, item))
+            if not able:
+                break
+            best = min(able, key=lambda pair: pair[0])[1]
+            outcome.accepted.append(best.candidate)
+            outcome.found[best.candidate.label] = best
+            outcome.rivals[best.candidate.label] = [f for f in outcome.last if f is not best]
+            outcome.p_value = min(outcome.p_value, self.thresholds.inadequate)
+            outcome.doubted.add(best.candidate.label)
+            current = best.fit
+            outcome.last = []
+        return current
 
     def _share(self, window: float) -> float:
         done = sum(w <= window for w in self.windows) - 1
@@ -157,7 +210,8 @@ class Search:
             found, outcome.looks = self.step(current, sound)
             sound = None
             outcome.last = found
-            good = [f for f in found if f.p_value <= self.thresholds.false_finding]
+            allowed = self.thresholds.false_finding / (1 + len(_LOOKED))
+            good = [f for f in found if f.p_value <= allowed]
             if not good:
                 if found and not outcome.accepted:
                     outcome.p_value = min(outcome.p_value, min(f.p_value for f in found))
@@ -315,7 +369,8 @@ class Search:
             done.add(candidate.label)
             self.progress(0.7 + 0.1 * len(done), f'without {candidate.label}')
             rest = [c for c in outcome.accepted if c is not candidate]
-            if rest and not self._needed(outcome, candidate, rest):
+            kept = candidate.label in outcome.doubted
+            if rest and not kept and not self._needed(outcome, candidate, rest):
                 outcome.accepted.remove(candidate)
                 outcome.final = self._with(outcome, rest, outcome.final.layout)
                 continue
@@ -375,6 +430,33 @@ class Search:
             outcome.final = best.fit
             outcome.found[best.candidate.label] = best
             outcome.rivals[best.candidate.label] = [mine, *refitted[1:]]
+
+    # --- held-out recordings -------------------------------------------------------------------
+
+    def check(self, outcome: Outcome) -> None:
+        """Predict the held-out recordings; findings that these contradict go, the last first."""
+        held_out = outcome.final.model.data.held_out
+        outcome.held_out_baseline = held_out_fit(outcome.baseline, held_out, outcome.window)
+        outcome.held_out_final = outcome.held_out_baseline
+        while outcome.accepted:
+            outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
+            before, after = outcome.held_out_baseline, outcome.held_out_final
+            if before is None or after is None:
+                return
+            worse = further_misfit((outcome.baseline, before), (outcome.final, after))
+            if worse <= self.thresholds.held_out_loss * max(1.0, after.reduced):
+                return
+            dropped = outcome.accepted.pop()
+            outcome.notes.append(
+                f'The held-out recordings contradict what the fitted ones suggest: with '
+                f'{dropped.label} chi-square rises by {worse:.1f}; it is not accepted.'
+            )
+            outcome.final = (
+                self._with(outcome, outcome.accepted, outcome.final.layout)
+                if outcome.accepted
+                else outcome.baseline
+            )
+            outcome.held_out_final = before
 
     def _with(self, outcome: Outcome, chosen: Sequence[Candidate], layout: Layout) -> Fit:
         """The baseline with some of the findings, fitted over a window."""
@@ -475,19 +557,23 @@ class _Workbench:
         gain = self.power - float(left @ left)
         if not candidate.amplitudes:
             return Trial(candidate, gain, model, x)
-        size = float((left - self.residual) @ (left - self.residual))
-        if size > 4.0 * self.power:  # too strong a trial says nothing of a weak effect
-            start = self._times(candidate, start, math.sqrt(self.power / size))
-            x = self.vector(model, start)
+        effect = float(np.linalg.norm(left - self.residual))
+        for _ in range(_WEAKER):  # a strong trial says nothing of a weak effect
+            if effect < _FELT:
+                break
+            weaker = self._times(candidate, start, 0.5 * _FELT / effect)
             try:
-                left = self._left(model, x)
+                changed = self._left(model, self.vector(model, weaker))
             except ImpactscopeError:
-                return None
+                break
+            start, left = weaker, changed
             gain = max(gain, self.power - float(left @ left))
+            effect = float(np.linalg.norm(left - self.residual))
         factor, linear = self._factor(left)
         if factor < 0.0 and self._one_sided(candidate, start):
-            return Trial(candidate, min(gain, 0.0), model, x)
-        x = self.vector(model, self._times(candidate, start, float(np.clip(factor, -30.0, 30.0))))
+            return Trial(candidate, min(gain, 0.0), model, self.vector(model, start))
+        factor = float(np.clip(factor, -30.0, 30.0))
+        x = self.vector(model, self._times(candidate, start, factor))
         return Trial(candidate, max(gain, linear), model, x)
 
     def _factor(self, left: Array) -> tuple[float, float]:

@@ -1,0 +1,290 @@
+"""Whether a fitted model leaves only noise: tests with power against what physics would leave.
+
+A weak effect lifts the reduced chi-square of ten thousand samples by less than its own scatter.
+But what an unknown effect leaves lies where the bench can move. Two kinds of tests look there.
+
+Constancy of the numbers: were each shared number allowed a value of its own in every recording,
+in every channel, and in every stretch of time, by how much would chi-square fall? With the right
+model by one for each further number; with a wrong one the numbers have to differ between strong
+and weak blows, between channels, between the loaded plate and the free one.
+
+Colour: the power of what is left in bands of frequency, against white noise.
+
+Both count what is left in units of the noise as the residual itself shows it from sample to
+sample, so that a noise that is stated or estimated a little wrong is no finding.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import integrate, stats
+
+from impactscope.discrepancy.impact_candidates import Candidate, candidates
+from impactscope.discrepancy.impact_fit import Fit, projector
+from impactscope.errors import ImpactscopeError
+
+__all__ = ['Adequacy', 'adequacy']
+
+Array = NDArray[np.float64]
+
+_SEGMENTS = (0.03, 0.12)  # s after the onset: the blow, what follows it, the rest
+_ALLOWED = 0.03  # of the noise of a sample: what two sound simulations may differ by
+_FELT = 10.0  # norm of a weak effect
+_ALLOWED_ALONE = 0.015  # likewise, along one direction
+_BANDS = (60.0, 400.0)  # Hz, upper edges
+_LEAST_RANK = 1e-3  # of a further number's influence that the model's numbers leave of it
+
+
+@dataclass(frozen=True, slots=True)
+class Adequacy:
+    """The tests of one fit: chance of each under noise alone, by what was allowed to vary."""
+
+    p_values: dict[str, float]
+    excess: dict[str, float]  # fall of chi-square beyond what noise gives
+
+    @property
+    def p_value(self) -> float:
+        """Chance of the most telling test, all of them together."""
+        least = min(self.p_values.values(), default=1.0)
+        return min(1.0, least * max(len(self.p_values), 1))
+
+    @property
+    def worst(self) -> str:
+        """What varies most, in words."""
+        return min(self.p_values, key=lambda k: self.p_values[k], default='')
+
+
+def adequacy(fit: Fit) -> Adequacy:
+    """Tests of what a fit leaves; see the module's description."""
+    size = fit.layout.size
+    weight = np.ones(size)
+    for name, spans in _by_channel(fit).items():
+        spread = _spread(fit, name, spans)
+        for span in spans.values():
+            weight[span] = 1.0 / spread
+    residual = np.concatenate([weight * fit.residuals[:size], fit.residuals[size:]])
+    slopes = fit.jacobian.copy()
+    slopes[:size] *= weight[:, None]
+    basis = projector(slopes)
+    left = residual - basis @ (basis.T @ residual)
+    p_values, excess = {}, {}
+    numbers = slopes.shape[1]
+    further = {'chain': _chain(fit), 'mechanisms': _mechanisms(fit)}
+    full = [
+        (label, np.concatenate([weight[:, None] * c, np.zeros((numbers, c.shape[1]))]))
+        for label, c in further.items()
+    ]
+    for label, columns in (*_varied(fit, slopes), *full):
+        p_values[label], excess[label] = _tested(left, columns, basis, size)
+    for label, (power, count) in _bands(fit, weight * fit.residuals[:size]).items():
+        allowed = _ALLOWED**2 * count
+        p_values[label] = float(stats.ncx2.sf(power, count, allowed))
+        excess[label] = power - count
+    return Adequacy(p_values, excess)
+
+
+def _by_channel(fit: Fit) -> dict[str, dict[int, slice]]:
+    found: dict[str, dict[int, slice]] = {}
+    for (i, name), span in fit.layout.spans.items():
+        found.setdefault(name, {})[i] = span
+    return found
+
+
+def _spread(fit: Fit, name: str, spans: dict[int, slice]) -> float:
+    """Standard deviation from bin to bin of a channel's standardised residuals; at least one."""
+    squares = []
+    for i, span in spans.items():
+        time = fit.model.data.blows[i].channels[name].centres[fit.layout.masks[i, name]]
+        r = fit.residuals[span]
+        if r.size < 16:
+            continue
+        even = np.diff(time, 2) < 0.1 * np.diff(time)[1:]
+        squares.append(np.diff(r, 2)[even] ** 2 / 6.0)
+    pooled = np.concatenate(squares) if squares else np.ones(1)
+    if pooled.size < 32:
+        return 1.0
+    # mean of the lower nine tenths: single jumps shall not pass for noise
+    high = float(np.quantile(pooled, 0.9))
+    share = float(np.mean(pooled[pooled <= high]))
+    return max(1.0, math.sqrt(share / _TRIMMED))
+
+
+_TRIMMED = float(
+    stats.chi2.cdf(stats.chi2.ppf(0.9, 1), 3) / 0.9
+)  # mean of a squared normal number below its 90 % quantile
+
+
+def _varied(fit: Fit, slopes: Array) -> Iterator[tuple[str, Array]]:
+    """Influences of the shared numbers, restricted to parts of the recordings."""
+    layout, model = fit.layout, fit.model
+    size = layout.size
+    shared = [
+        j for j, f in enumerate(model.free) if f.blow is None and np.any(slopes[:size, j] != 0.0)
+    ]
+    mechanical = [j for j in shared if not model.free[j].key.startswith('gain.')]
+    segment = np.zeros(size, dtype=np.int64)
+    for (i, name), span in layout.spans.items():
+        blow = model.data.blows[i]
+        since = blow.channels[name].centres[layout.masks[i, name]] - blow.onset
+        segment[span] = np.searchsorted(np.asarray(_SEGMENTS), since)
+    channels = list(_by_channel(fit).values())
+    by_blow, by_channel, by_time = [], [], []
+    for i in layout.blows:
+        rows = np.zeros(size, dtype=np.bool_)
+        rows[layout.blow_spans[i]] = True
+        by_blow += _parts(slopes, shared, [rows])
+        cut = [rows & (segment == s) for s in range(len(_SEGMENTS) + 1)]
+        by_time += _parts(slopes, mechanical, cut)
+        own = [np.zeros(size, dtype=np.bool_) for _ in channels]
+        for mask, spans in zip(own, channels, strict=True):
+            if i in spans:
+                mask[spans[i]] = True
+        by_channel += _parts(slopes, mechanical, own)
+    length = slopes.shape[0]
+    for label, parts in (
+        ('recordings', by_blow),
+        ('channels', by_channel),
+        ('time', by_time),
+    ):
+        columns = np.zeros((length, len(parts)))
+        for k, part in enumerate(parts):
+            columns[:size, k] = part
+        yield label, columns
+
+
+def _chain(fit: Fit) -> Array:
+    """What a measuring chain may do to a channel, shape (size, n): each to first order.
+
+    Squares and cubes of the values, other channels, rates of change, sums and drift.
+    """
+    layout, model, values = fit.layout, fit.model, fit.values
+    columns: dict[tuple[str, str], Array] = {}
+    for i in layout.blows:
+        prediction = model.predict(values, i)
+        blow = model.data.blows[i]
+        for name, channel in blow.channels.items():
+            span, mask = layout.spans[i, name], layout.masks[i, name]
+            time = channel.centres
+            y = prediction.means[name]
+            sums = integrate.cumulative_trapezoid(y, time, initial=0.0)
+            shapes = {
+                'square': y * y,
+                'cube': y**3,
+                'rate': np.gradient(y, time),
+                'rate of rate': np.gradient(np.gradient(y, time), time),
+                'sum': sums,
+                'constant': np.ones_like(y),
+                'drift': time,
+            }
+            for other, its in prediction.means.items():
+                if other != name:
+                    shapes[other] = np.interp(time, blow.channels[other].centres, its)
+            for label, shape in shapes.items():
+                column = columns.setdefault((name, label), np.zeros(layout.size))
+                column[span] = (shape / channel.std)[mask]
+    return np.stack(list(columns.values()), axis=1)
+
+
+def _mechanisms(fit: Fit) -> Array:
+    """Signatures of every effect on the bench, with a strength of its own in each recording."""
+    layout = fit.layout
+    found = []
+    for candidate in candidates(fit, ()):
+        if candidate.channel or not candidate.amplitudes or candidate.name == 'wrong_parameter':
+            continue
+        signature = _signature(fit, candidate)
+        if signature is None:
+            continue
+        for span in layout.blow_spans.values():
+            part = np.zeros(layout.size)
+            part[span] = signature[span]
+            found.append(part)
+    return np.stack(found, axis=1) if found else np.zeros((layout.size, 0))
+
+
+def _signature(fit: Fit, candidate: Candidate) -> Array | None:
+    """Change of the residuals by a weak effect, shape (size,)."""
+    model, size = candidate.extend(fit.model), fit.layout.size
+    known, start = fit.values, dict(candidate.starts[0])
+    for _ in range(4):
+        values = {**known, **start}
+        x = np.array([f.to_inner(values.get(f.key, f.start)) for f in model.free])
+        try:
+            change = model.residuals(x, fit.layout)[:size] - fit.residuals[:size]
+        except ImpactscopeError:
+            change = np.full(size, math.inf)
+        norm = float(np.linalg.norm(change))
+        if norm < _FELT:
+            return change if norm > 0.0 else None
+        share = 0.3 * _FELT / norm if math.isfinite(norm) else 0.01
+        for key, absent in candidate.amplitudes.items():
+            if key in start:
+                start[key] = absent + share * (start[key] - absent)
+    return None
+
+
+def _parts(slopes: Array, numbers: list[int], masks: list[NDArray[np.bool_]]) -> list[Array]:
+    size = masks[0].size if masks else 0
+    found = []
+    for j, mask in itertools.product(numbers, masks):
+        part = np.where(mask, slopes[:size, j], 0.0)
+        if float(part @ part) > 0.0:
+            found.append(part)
+    return found
+
+
+def _tested(left: Array, columns: Array, basis: Array, size: int) -> tuple[float, float]:
+    """Chance and excess of the residual's power in the span of columns beyond the basis."""
+    norm = np.linalg.norm(columns, axis=0)
+    columns = columns[:, norm > 0] / norm[norm > 0]
+    beyond = columns - basis @ (basis.T @ columns)
+    u, s, _ = np.linalg.svd(beyond, full_matrices=False)
+    directions = u[:, s > _LEAST_RANK]
+    count = directions.shape[1]
+    if not count:
+        return 1.0, 0.0
+    power = float(np.sum((directions.T @ left) ** 2))
+    together = float(stats.ncx2.sf(power, count, _ALLOWED**2 * size))
+    # and each on its own: a single one stands out more
+    length = np.linalg.norm(beyond, axis=0)
+    sound = length > 10 * _LEAST_RANK
+    alone = (beyond[:, sound].T @ left / length[sound]) ** 2
+    best = float(np.max(alone, initial=0.0))
+    single = float(stats.ncx2.sf(best, 1, _ALLOWED_ALONE**2 * size)) * alone.size
+    return min(1.0, 2.0 * min(together, single)), max(power - count, best)
+
+
+def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int]]:
+    """Power and number of terms of the residual in bands, all recordings and channels."""
+    total: dict[str, list[float]] = {}
+    for (i, name), span in fit.layout.spans.items():
+        blow = fit.model.data.blows[i]
+        time = blow.channels[name].centres[fit.layout.masks[i, name]]
+        r = residual[span]
+        after = time > blow.settled
+        r, time = r[after], time[after]
+        if r.size < 32:
+            continue
+        length = float(time[-1] - time[0])
+        low = 0.0
+        for high in _BANDS:
+            if 2 * high * length > 0.4 * r.size:
+                break
+            first, last = math.ceil(2 * low * length), math.floor(2 * high * length)
+            orders = np.arange(first, last)
+            low = high
+            if not orders.size:
+                continue
+            phase = np.pi * (time - time[0]) / length
+            waves = np.cos(phase[:, None] * orders[None, :])
+            q, _ = np.linalg.qr(waves)
+            entry = total.setdefault(f'{name} below {high:g} Hz', [0.0, 0])
+            entry[0] += float(np.sum((q.T @ r) ** 2))
+            entry[1] += q.shape[1]
+    return {k: (v[0], int(v[1])) for k, v in total.items()}

@@ -1,0 +1,230 @@
+"""Fits that follow a blow from its first milliseconds on.
+
+Later contacts amplify small errors of earlier ones. So a fit begins where the blow is simple, with
+each blow placed in time, and follows over windows that grow.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from impactscope.discrepancy.impact_fit import Fit, fit, jacobian, projector
+from impactscope.discrepancy.impact_model import ImpactModel
+from impactscope.errors import ImpactscopeError
+from impactscope.physics.twin.simulate import SimulationError
+
+__all__ = [
+    'fit_baseline',
+    'follow',
+    'further_misfit',
+    'held_out_fit',
+    'place',
+    'with_repeatability',
+]
+
+Array = NDArray[np.float64]
+
+_REPEATABLE = 1e-5  # relative, of a speed
+_MASS_STARTS = (0.4, 0.9, 1.7, 3.5)  # kg
+_BOUNCES = (0.7, 0.35)
+_SHORT = (0.004, 0.007, 0.012)  # s after the onset
+_GROWTH = (0.02, 0.03, 0.04, 0.055, 0.08, 0.12, 0.2, 0.35)  # s after the onset
+_FOLLOWED = 4.0  # growth of the reduced chi-square up to which a longer window is followed
+_SETTLED = 0.02  # of chi-square
+_TIME_SHIFTS = (-4e-3, -2e-3, -1e-3, *np.arange(-5e-4, 2.1e-4, 5e-5).tolist())  # s
+
+
+def fit_baseline(model: ImpactModel) -> Fit:
+    """The baseline re-tuned to the blows that are fitted, from a cold start; see `follow`."""
+    blows = model.data.fitted
+    model = _by_noise_alone(model)
+    starts = [_placed(model, x, blows) for x in _cold_starts(model)]
+    found = min((f for f in starts if f is not None), key=lambda f: f.chi_square)
+    return follow(found)
+
+
+def follow(found: Fit, until: float = math.inf) -> Fit:
+    """A fit of a short window extended over longer ones, up to ``until`` s after the onset.
+
+    For as long as the fit follows: where the misfit jumps, because a later contact amplifies what
+    the model lacks, the fit of the window before stands.
+    """
+    model, blows = found.model, found.layout.blows
+    windows = [w for w in _GROWTH if w < until]
+    for window in (*windows, until):
+        model = with_repeatability(model, found.x, blows)
+        settled = _SETTLED if window == until else 1.0
+        grown = fit(model, model.layout(blows, window), found.x, iterations=12, settled=settled)
+        if grown.reduced > _FOLLOWED * max(found.reduced, 1.0):
+            break
+        found = grown
+    return found
+
+
+def held_out_fit(found: Fit, blows: Sequence[int], window: float = math.inf) -> Fit | None:
+    """Blows predicted with the shared numbers of a fit; only their own unknowns are adjusted."""
+    if not blows:
+        return None
+    values = found.values
+    own = tuple(f for f in found.model.free if f.blow in blows)
+    shared = {f.key: values[f.key] for f in found.model.free if f.blow not in blows}
+    model = found.model.extended(constants=shared)
+    model.free = own
+    short = _placed(model, model.start(), blows)
+    if short is None:
+        raise SimulationError('the held-out recordings cannot be simulated')
+    return follow(short, window)
+
+
+def further_misfit(before: tuple[Fit, Fit], after: tuple[Fit, Fit]) -> float:
+    """Rise of chi-square from one prediction to another, over the bins that both have.
+
+    Each is a fit and its prediction of recordings that were held out. What the fit does not know
+    of its numbers for certain is no fault of its prediction, however later contacts amplify it:
+    chi-square is that of the marginal distribution.
+    """
+    old, new = before[1], after[1]
+    rows: tuple[list[Array], list[Array]] = ([], [])
+    for (i, name), span in new.layout.spans.items():
+        masks = [f.layout.masks[i, name] for f in (old, new)]
+        both = masks[0] & masks[1]
+        spread = [f.model.data.blows[i].channels[name].std[both] for f in (old, new)]
+        spans = old.layout.spans[i, name], span
+        for k, part in enumerate(rows):
+            # each by the larger uncertainty: where one cannot tell, neither counts
+            weight = np.zeros(spans[k].stop - spans[k].start)
+            weight[both[masks[k]]] = spread[k] / np.maximum(*spread)
+            part.append(weight)
+    return _surprise(*after, np.concatenate(rows[1])) - _surprise(*before, np.concatenate(rows[0]))
+
+
+def _surprise(found: Fit, predicted: Fit, weight: Array) -> float:
+    """Chi-square of a prediction, what is unknown of the shared numbers taken into account."""
+    layout = predicted.layout
+    model = dataclasses.replace(found.model, data=predicted.model.data)
+    values = {**found.values, **predicted.values}
+    x = np.array([f.to_inner(values[f.key]) for f in model.free])
+    shared = [j for j, f in enumerate(model.free) if f.blow is None]
+    residuals = model.residuals(x, layout)
+    slopes = jacobian(model, x, layout, residuals, only=shared)[: layout.size, shared]
+    own = projector(weight[:, None] * predicted.jacobian[: layout.size])
+    left = weight * residuals[: layout.size]
+    left = left - own @ (own.T @ left)
+    power, vectors = np.linalg.eigh(found.covariance()[np.ix_(shared, shared)])
+    reach = weight[:, None] * (slopes @ (vectors * np.sqrt(np.maximum(power, 0.0))))
+    reach = reach - own @ (own.T @ reach)
+    along = reach.T @ left
+    inner = np.eye(along.size) + reach.T @ reach
+    return float(left @ left - along @ np.linalg.solve(inner, along))
+
+
+def _cold_starts(model: ImpactModel) -> list[Array]:
+    """Starts over what is not known within a factor: the plate's mass, a contact's restitution."""
+    starts = _varied(model, [model.start()], 'sensor.moving_mass', _MASS_STARTS)
+    taps = [i for i in model.data.fitted if model.data.blows[i].recording.kind == 'tap']
+    if taps and len(starts) > 1:  # taps alone tell the mass
+        rung = []
+        for x in starts:
+            with contextlib.suppress(ImpactscopeError):
+                placed = place(model, x, taps)
+                rung.append(fit(model, model.layout(taps), placed, iterations=12, settled=1.0))
+        if rung:
+            starts = [min(rung, key=lambda f: f.chi_square).x]
+    return _varied(model, starts, 'contact.restitution', _BOUNCES)
+
+
+def _varied(
+    model: ImpactModel, starts: Sequence[Array], key: str, values: Sequence[float]
+) -> list[Array]:
+    """Each start with each value of a number; as they are where the number is known."""
+    number = next((f for f in model.free if f.key == key and f.prior is None), None)
+    if number is None:
+        return list(starts)
+    varied = []
+    for x, value in itertools.product(starts, values):
+        moved = x.copy()
+        moved[model.index(key)] = number.to_inner(value)
+        varied.append(moved)
+    return varied
+
+
+def _placed(model: ImpactModel, x: Array, blows: Sequence[int]) -> Fit | None:
+    """Fits over the shortest windows from a start, each blow first placed where it fits best."""
+    try:
+        x = place(model, x, blows, _SHORT[0])
+        for window in _SHORT:
+            found = fit(model, model.layout(blows, window), x, iterations=8, settled=1.0)
+            x = found.x
+    except ImpactscopeError:
+        return None
+    return found
+
+
+def with_repeatability(
+    model: ImpactModel, x: Array, chosen: Sequence[int] | None = None
+) -> ImpactModel:
+    """The model with what no bench repeats counted as noise.
+
+    Every further contact amplifies the smallest difference of speed: where a relative change of
+    ``_REPEATABLE`` would be seen, a bin tells less than its noise says.
+    """
+    values = model.values(x)
+    blows = []
+    for i, blow in enumerate(model.data.blows):
+        key = next((k for k in (f'angle@{i}', f'speed@{i}') if k in values), None)
+        if key is None or (chosen is not None and i not in chosen):
+            blows.append(blow)
+            continue
+        here = model.predict(values, i)
+        there = model.predict({**values, key: values[key] * (1 + 2 * _REPEATABLE)}, i)
+        channels = {}
+        for name, channel in blow.channels.items():
+            change = np.abs(there.means[name] - here.means[name])
+            change = ndimage.maximum_filter1d(change, 5)
+            std = np.where(channel.used, np.hypot(channel.own_std, change), 1.0)
+            channels[name] = dataclasses.replace(channel, std=std)
+        blows.append(dataclasses.replace(blow, channels=channels))
+    data = dataclasses.replace(model.data, blows=tuple(blows))
+    return dataclasses.replace(model, data=data)
+
+
+def _by_noise_alone(model: ImpactModel) -> ImpactModel:
+    """The model with bins that count by their noise, whatever a bench repeats."""
+    blows = tuple(
+        dataclasses.replace(
+            b,
+            channels={n: dataclasses.replace(c, std=c.own_std) for n, c in b.channels.items()},
+        )
+        for b in model.data.blows
+    )
+    return dataclasses.replace(model, data=dataclasses.replace(model.data, blows=blows))
+
+
+def place(model: ImpactModel, x: Array, chosen: Sequence[int], window: float = 0.012) -> Array:
+    """``x`` with the moment of each chosen blow where a short simulation fits best."""
+    layout = model.layout(chosen, window)
+    best = np.full(len(model.data.blows), math.inf)
+    placed = x.copy()
+    for shift in _TIME_SHIFTS:
+        trial = x.copy()
+        for i in layout.blows:
+            trial[model.index(f'time@{i}')] = model.data.blows[i].onset + shift
+        try:
+            values = model.values(trial)
+            costs = {i: model.blow_residuals(values, i, layout) for i in layout.blows}
+        except ImpactscopeError:
+            continue
+        for i, residual in costs.items():
+            cost = float(residual @ residual)
+            if cost < best[i]:
+                best[i] = cost
+                placed[model.index(f'time@{i}')] = trial[model.index(f'time@{i}')]
+    return placed
