@@ -20,9 +20,9 @@ from impactscope.physics.twin.assembly import Effect, assemble, corners, normali
 from impactscope.physics.twin.bench import (
     Bench,
     Blow,
-    Branch,
     DamperLayer,
     HammerTap,
+    MaxwellBranch,
     RobotBlow,
     Sensor,
 )
@@ -116,7 +116,7 @@ def layer(fields: Fields) -> DamperLayer | None:
         if stiffness:
             raise ConfigurationError('the twin has no layer of a branch without a parallel spring')
         return None
-    branches = (Branch(stiffness, fields.take('branch_damping')),) if stiffness else ()
+    branches = (MaxwellBranch(stiffness, fields.take('branch_damping')),) if stiffness else ()
     return DamperLayer(parallel, branches)
 
 

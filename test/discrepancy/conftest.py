@@ -42,9 +42,9 @@ def description(recordings: Sequence[Mapping[str, Any]], **changes: Any) -> dict
         'bench': {'kind': 'impact', 'orientation': 'vertical'},
         'sensor': {'stiffness': {'value': 69000, 'std': 500, 'unit': 'N/m'}, 'moving_mass': None},
         'damper': {
-            'parallel_stiffness': PAPER_LAYER.parallel_stiffness,
+            'parallel_stiffness': PAPER_LAYER.equilibrium_stiffness,
             'branches': [
-                {'stiffness': b.stiffness, 'damping': b.damping} for b in PAPER_LAYER.branches
+                {'stiffness': b.stiffness, 'damping': b.viscosity} for b in PAPER_LAYER.branches
             ],
         },
         'pendulum': {

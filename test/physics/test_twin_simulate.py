@@ -20,9 +20,9 @@ from impactscope.physics.twin.bench import (
     PAPER_LAYER,
     BareContact,
     Bench,
-    Branch,
     DamperLayer,
     HammerTap,
+    MaxwellBranch,
     MeasuredForce,
     PendulumBlow,
     RobotBlow,
@@ -226,7 +226,7 @@ def test_energy_never_appears_from_nowhere(data):
     layer = DamperLayer(
         draw(st.floats(1e3, 1e5)),
         tuple(
-            Branch(draw(st.floats(1e3, 1e5)), draw(st.floats(10.0, 1e5)))
+            MaxwellBranch(draw(st.floats(1e3, 1e5)), draw(st.floats(10.0, 1e5)))
             for _ in range(draw(st.integers(0, 3)))
         ),
     )
@@ -272,9 +272,9 @@ def test_energy_never_appears_from_nowhere(data):
     assert np.ptp(balance) < 1e-5 * (start + np.abs(result.rows[:, at.DONE_WORK]).max())
     lost = result.rows[:, at.LOST_ENERGY]
     if 'stiffening_damper' in names:  # what it stores is booked as lost until given back
-        assert lost.min() > -1e-7 * (start + 1e-3)
-    else:
-        assert np.diff(lost).min() > -1e-7 * (start + 1e-3)
+        assert lost.min() > -1e-6 * (start + 1e-3)
+    else:  # samples inside a step are interpolated
+        assert np.diff(lost).min() > -1e-6 * (start + 1e-3)
     assert result.contact_force.min() > -1e-6
 
 
@@ -285,7 +285,7 @@ def test_energy_never_appears_from_nowhere(data):
         lambda: Sensor(moving_mass=math.nan),
         lambda: Sensor(reads='voltage'),
         lambda: BareContact(restitution=0.0),
-        lambda: DamperLayer(1e4, (Branch(1.0, 1.0),) * 7),
+        lambda: Bench(damper=DamperLayer(1e4, (MaxwellBranch(1.0, 1.0),) * 7)),
         lambda: HammerTap(duration=0.0),
         lambda: MeasuredForce(np.array([1.0, math.nan]), 1000.0),
         lambda: Sensor(damping_constant=-1.0),

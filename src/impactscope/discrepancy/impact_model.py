@@ -26,9 +26,9 @@ from impactscope.physics.twin.bench import (
     BareContact,
     Bench,
     Blow,
-    Branch,
     DamperLayer,
     HammerTap,
+    MaxwellBranch,
     PendulumBlow,
     RobotBlow,
     Sensor,
@@ -422,11 +422,13 @@ def describe(values: Mapping[str, float], data: BlowData, i: int) -> tuple[Bench
     damper = None
     contact = BareContact()
     if recording.damper and 'damper.parallel_stiffness' in values:
-        branches: list[Branch] = []
+        branches: list[MaxwellBranch] = []
         while f'damper.branches.{len(branches)}.stiffness' in values:
             n = len(branches)
             branches.append(
-                Branch(of(f'damper.branches.{n}.stiffness'), of(f'damper.branches.{n}.damping'))
+                MaxwellBranch(
+                    of(f'damper.branches.{n}.stiffness'), of(f'damper.branches.{n}.damping')
+                )
             )
         damper = DamperLayer(of('damper.parallel_stiffness'), tuple(branches))
     else:

@@ -286,9 +286,9 @@ def _orientation_rows() -> list[PaperRow]:
                     '',
                     len(blow.contacts),
                     'the constants of 10 mm/min lose next to nothing at 30 Hz (loss factor '
-                    f'{float(PAPER_LAYER.model.loss_factor(30.0)):.1g}): such a layer bounces on'
+                    f'{float(PAPER_LAYER.loss_factor(30.0)):.1g}): such a layer bounces on'
                     if layer is PAPER_LAYER
-                    else f'assumed loss factor {float(layer.model.loss_factor(30.0)):.2f}, 30 Hz',
+                    else f'assumed loss factor {float(layer.loss_factor(30.0)):.2f}, 30 Hz',
                     basis=Basis.SIMULATED,
                 ),
             ]

@@ -86,7 +86,7 @@ def _rates() -> Markup:
     frequency = np.geomspace(1e-3, 1e3, 400)
     layers = (
         (PAPER_LAYER_SH10, 'constants of 10 mm/min', 'main'),
-        (IMPACT_RATE_LAYER.model, 'with branches assumed at impact rate', 'second'),
+        (IMPACT_RATE_LAYER, 'with branches assumed at impact rate', 'second'),
     )
     x = Axis('frequency / Hz', (1e-3, 1e3), logarithmic=True)
     stiffness = tuple(

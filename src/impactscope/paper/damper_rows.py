@@ -51,7 +51,7 @@ def peak_displacement(force: float) -> float:
 def unseen_force() -> float:
     """Largest force, N, that the branches assumed at impact rate add to the cyclic test."""
     test = damper_test()
-    quick = IMPACT_RATE_LAYER.model.response(test.time, test.displacement, unilateral=True)
+    quick = IMPACT_RATE_LAYER.response(test.time, test.displacement, unilateral=True)
     return float(np.abs(quick.force - test.true_force).max())
 
 
@@ -202,7 +202,7 @@ def _force_rows() -> list[PaperRow]:
 
 
 def _meaning_rows() -> list[PaperRow]:
-    layer, quick = PAPER_LAYER_SH10, IMPACT_RATE_LAYER.model
+    layer, quick = PAPER_LAYER_SH10, IMPACT_RATE_LAYER
     unseen = unseen_force()
     slow = dataclasses.replace(layer, branches=())
     return [

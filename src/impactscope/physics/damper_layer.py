@@ -63,6 +63,8 @@ class DamperLayer:
 
     equilibrium_stiffness: float  # k2, N/m: what is left when all branches have relaxed
     branches: tuple[MaxwellBranch, ...] = ()
+    name: str = 'damper'
+    origin: str = ''  # where the constants come from, in a sentence
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.equilibrium_stiffness) and self.equilibrium_stiffness > 0):

@@ -115,11 +115,11 @@ def assemble(bench: Bench, blow: Blow, effects: Iterable[Effect]) -> Array:
         par[at.CONTACT_LOSS] = bench.contact.loss
     elif not isinstance(blow, HammerTap | MeasuredForce):
         par[at.HAS_LAYER] = 1.0
-        par[at.LAYER_STIFFNESS] = bench.damper.parallel_stiffness
+        par[at.LAYER_STIFFNESS] = bench.damper.equilibrium_stiffness
         par[at.BRANCHES] = len(bench.damper.branches)
         for i, branch in enumerate(bench.damper.branches):
             par[at.BRANCH + 2 * i] = branch.stiffness
-            par[at.BRANCH + 2 * i + 1] = branch.damping
+            par[at.BRANCH + 2 * i + 1] = branch.viscosity
     if isinstance(blow, HammerTap):
         par[at.TAP_PEAK] = blow.peak_force
         par[at.TAP_DURATION] = blow.duration

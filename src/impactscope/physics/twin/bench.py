@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from impactscope.errors import ConfigurationError
-from impactscope.physics import damper_layer
+from impactscope.physics.damper_layer import PAPER_LAYER_SH10, DamperLayer, MaxwellBranch
 from impactscope.physics.pendulum import Orientation, Pendulum
 
 __all__ = [
@@ -19,9 +20,9 @@ __all__ = [
     'BareContact',
     'Bench',
     'Blow',
-    'Branch',
     'DamperLayer',
     'HammerTap',
+    'MaxwellBranch',
     'MeasuredForce',
     'PendulumBlow',
     'RobotBlow',
@@ -75,63 +76,10 @@ class Sensor:
         return math.sqrt(self.stiffness / self.moving_mass) / (2 * math.pi)
 
 
-@dataclass(frozen=True, slots=True)
-class Branch:
-    """A Maxwell branch: a spring and a dashpot in series."""
+MOST_BRANCHES = 6  # that the compiled equations hold
 
-    stiffness: float  # N/m
-    damping: float  # N s/m
-
-    def __post_init__(self) -> None:
-        _check(
-            'damper branch',
-            stiffness=(self.stiffness, 1e-9, 1e12),
-            damping=(self.damping, 1e-9, 1e12),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class DamperLayer:
-    """The compression element on the plate: a generalised Maxwell solid without mass.
-
-    ``origin`` says in a sentence where the constants come from.
-    """
-
-    parallel_stiffness: float  # N/m
-    branches: tuple[Branch, ...] = ()
-    name: str = 'damper'
-    origin: str = ''
-
-    def __post_init__(self) -> None:
-        _check('damper', parallel_stiffness=(self.parallel_stiffness, 1e-9, 1e12))
-        if len(self.branches) > 6:
-            raise ConfigurationError(
-                f'damper: {len(self.branches)} branches; the bench holds 6 at most'
-            )
-
-    @property
-    def model(self) -> damper_layer.DamperLayer:
-        """The layer's closed forms: dynamic stiffness, loss factor, relaxation."""
-        return damper_layer.DamperLayer(
-            self.parallel_stiffness,
-            tuple(damper_layer.MaxwellBranch(b.stiffness, b.damping) for b in self.branches),
-        )
-
-    def dynamic_stiffness(self, frequency: float) -> complex:
-        """Complex stiffness at ``frequency`` Hz, N/m."""
-        return complex(self.model.dynamic_stiffness(frequency))
-
-    def loss_factor(self, frequency: float) -> float:
-        """Tangent of the loss angle at ``frequency`` Hz."""
-        return float(self.model.loss_factor(frequency))
-
-
-_PAPER = damper_layer.PAPER_LAYER_SH10
-_PAPER_BRANCHES = tuple(Branch(b.stiffness, b.viscosity) for b in _PAPER.branches)
-
-PAPER_LAYER = DamperLayer(
-    parallel_stiffness=_PAPER.equilibrium_stiffness,
-    branches=_PAPER_BRANCHES,
+PAPER_LAYER = dataclasses.replace(
+    PAPER_LAYER_SH10,
     name='SH10 at 10 mm/min',
     origin=(
         "Samarathunga et al. 2024, section 3.3, from ramps of 10 mm/min: the branch's time is "
@@ -139,13 +87,13 @@ PAPER_LAYER = DamperLayer(
     ),
 )
 
-IMPACT_RATE_LAYER = DamperLayer(
-    parallel_stiffness=_PAPER.equilibrium_stiffness,
+IMPACT_RATE_LAYER = dataclasses.replace(
+    PAPER_LAYER_SH10,
     branches=(
-        *_PAPER_BRANCHES,
-        Branch(42_000.0, 840.0),
-        Branch(32_000.0, 130.0),
-        Branch(111_000.0, 100.0),
+        *PAPER_LAYER_SH10.branches,
+        MaxwellBranch(42_000.0, 840.0),
+        MaxwellBranch(32_000.0, 130.0),
+        MaxwellBranch(111_000.0, 100.0),
     ),
     name='SH10 with assumed branches at impact rate',
     origin=(
@@ -216,6 +164,11 @@ class Bench:
 
     def __post_init__(self) -> None:
         _check('bench', body_mass=(self.body_mass, 0.0, 1e4))
+        if self.damper is not None and len(self.damper.branches) > MOST_BRANCHES:
+            raise ConfigurationError(
+                f'bench: a damper of {len(self.damper.branches)} branches; '
+                f'{MOST_BRANCHES} at most can be simulated'
+            )
 
     @property
     def notes(self) -> tuple[str, ...]:
