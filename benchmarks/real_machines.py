@@ -90,8 +90,15 @@ EXPECTED = {
 
 
 def _campaigns() -> ModuleType:
-    path = Path(__file__).resolve().parents[1] / 'scripts' / 'real_machines.py'
-    spec = importlib.util.spec_from_file_location('make_real_machines', path)
+    return _module(Path(__file__).resolve().parents[1] / 'scripts' / 'real_machines.py')
+
+
+def _beside(name: str) -> ModuleType:
+    return _module(Path(__file__).with_name(f'{name}.py'))
+
+
+def _module(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f'real_machines_{path.stem}', path)
     if spec is None or spec.loader is None:
         raise ImportError(str(path))
     module = importlib.util.module_from_spec(spec)
@@ -156,6 +163,8 @@ def main(argv: list[str] | None = None) -> int:
             begin = time.perf_counter()
             answer = explain_folder(path)
             good += report(name, answer, time.perf_counter() - begin)
+            if name == 'emps':
+                _beside('emps_identifiability').report(path, 200)
     print(f'\n{good} of {len(made)} machines: effect right and every figure reached')
     return 0
 

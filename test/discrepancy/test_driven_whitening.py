@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
+from impactscope.discrepancy.driven.plate import white_level
 from impactscope.discrepancy.driven.whitening import hammer_force, whitener
 from impactscope.discrepancy.evidence import is_white
 
@@ -95,3 +96,14 @@ def test_an_exact_force_leaves_residuals_as_they_are():
     residual = np.random.default_rng(5).standard_normal(500)
     turn = whitener(PLATE, 2, PERIOD, 0.5, None, residual.size)
     np.testing.assert_allclose(turn(residual), residual / 0.5, rtol=1e-12)
+
+
+def test_level_of_noise_below_lines():
+    rng = np.random.default_rng(6)
+    time = PERIOD * np.arange(20_000)
+    noise = 0.2 * rng.standard_normal(time.size)
+    ringing = 5.0 * np.exp(-9.0 * time) * np.sin(2 * math.pi * 3600.0 * time)
+    assert white_level(noise) == pytest.approx(0.2, rel=0.03)
+    assert white_level(noise + ringing) == pytest.approx(0.2, rel=0.1)
+    steps = 0.3 * np.round(noise / 0.3)
+    assert white_level(steps) == pytest.approx(float(np.std(steps)), rel=0.03)

@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.terms import Number, Term, key
 
-__all__ = ['FINE', 'Fit', 'channel_scales', 'fit', 'numbers_of', 'sensitivities']
+__all__ = ['FINE', 'Fit', 'channel_scales', 'counted', 'fit', 'numbers_of', 'sensitivities']
 
 Array = NDArray[np.float64]
 
@@ -87,7 +87,7 @@ def _differences(
     return jacobian
 
 
-def _counted(model: Model, residual: Array, segment: Segment) -> Array:
+def counted(model: Model, residual: Array, segment: Segment) -> Array:
     """A residual as a fit counts it: whitened where the noise is known, else as it is.
 
     Where errors of force accumulate, old ones are forgotten: the position of a mass without spring
@@ -170,7 +170,7 @@ def fit(
         for i in fitted:
             predicted = model.predict(values, terms, start_of(theta, i), segments[i])
             parts.append(
-                weights[i] * _counted(model, segments[i].measured - predicted, segments[i])
+                weights[i] * counted(model, segments[i].measured - predicted, segments[i])
             )
         whole = np.concatenate(parts)
         last[:] = [*last[-2:], (theta.copy(), whole)]
@@ -210,7 +210,7 @@ def fit(
         begins.append(begin)
         residuals.append(segment.measured - model.predict(values, terms, begin, segment))
     left = np.concatenate(
-        [weights[i] * _counted(model, residuals[i], segments[i]) for i in fitted]
+        [weights[i] * counted(model, residuals[i], segments[i]) for i in fitted]
     )
     spread = _scatter(slopes, left, white=known)
     std = {k: float(spread[j] * n.scale) for j, (k, n) in enumerate(shared)}

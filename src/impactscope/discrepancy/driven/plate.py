@@ -18,9 +18,8 @@ from impactscope.discrepancy.driven.model import OscillatorModel, Segment, insid
 from impactscope.discrepancy.driven.recordings import Cut
 from impactscope.discrepancy.driven.terms import Term
 from impactscope.discrepancy.driven.whitening import HammerForce, hammer_force, whitener
-from impactscope.discrepancy.evidence import noise_std, quantisation_step
 
-__all__ = ['Plate', 'plate_under_hammer']
+__all__ = ['Plate', 'plate_under_hammer', 'white_level']
 
 Array = NDArray[np.float64]
 
@@ -90,19 +89,21 @@ def plate_under_hammer(
 
 
 def _noise(parts: Sequence[Cut], segments: Sequence[Segment], made: Fit) -> float:
-    """Standard deviation of a sample: as stated, or from what is left from sample to sample."""
+    """Standard deviation of a sample: as stated, or from what is left between the lines."""
     stated = parts[0].noise
     if math.isfinite(stated) and stated > 0.0:
         return stated
     pairs = zip(segments, made.residuals, strict=True)
-    return float(np.median([_spread(s.measured, r) for s, r in pairs if not s.held_out]))
+    return float(np.median([white_level(r) for s, r in pairs if not s.held_out]))
 
 
-def _spread(measured: Array, residual: Array) -> float:
-    """Standard deviation of a residual's white part; steps would mislead its quartiles."""
-    if quantisation_step(measured) > 0.0:
-        return float(np.std(np.diff(residual, 2))) / math.sqrt(6.0)
-    return noise_std(residual)
+def white_level(residual: Array) -> float:
+    """Standard deviation of the white part of a residual, shape (n,).
+
+    From the median of its spectrum: lines and bands do not count, steps of a converter do.
+    """
+    power = np.abs(np.fft.rfft(residual)[1:-1]) ** 2 / residual.size
+    return float(np.sqrt(np.median(power) / math.log(2.0)))
 
 
 def _terms(
