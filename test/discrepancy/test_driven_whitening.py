@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
+from impactscope.discrepancy.driven.measuring import step_of
 from impactscope.discrepancy.driven.plate import white_level
 from impactscope.discrepancy.driven.whitening import hammer_force, whitener
 from impactscope.discrepancy.evidence import is_white
@@ -107,3 +108,15 @@ def test_level_of_noise_below_lines():
     assert white_level(noise + ringing) == pytest.approx(0.2, rel=0.1)
     steps = 0.3 * np.round(noise / 0.3)
     assert white_level(steps) == pytest.approx(float(np.std(steps)), rel=0.03)
+
+
+@given(st.floats(1e-3, 1.0), st.floats(0.5, 100.0))
+@settings(max_examples=40, deadline=None)
+def test_steps_of_a_channel(step, size):
+    """Found in single precision however fine against the signal; none where there are none."""
+    rng = np.random.default_rng(7)
+    samples = size * np.sin(np.arange(4000) / 20.0) * np.exp(-np.arange(4000) / 900.0)
+    samples = samples + 0.1 * rng.standard_normal(samples.size)
+    assert step_of(samples.astype(np.float32).astype(float)) == 0.0
+    rounded = (step * np.round(samples / step)).astype(np.float32).astype(float)
+    assert step_of(rounded) == pytest.approx(step, rel=1e-3)

@@ -27,7 +27,7 @@ from impactscope.discrepancy.driven.decide import Judge
 from impactscope.discrepancy.driven.exact import NoiseJudge
 from impactscope.discrepancy.driven.fitting import Fit, numbers_of
 from impactscope.discrepancy.driven.located import plate_regions
-from impactscope.discrepancy.driven.measuring import filter_of
+from impactscope.discrepancy.driven.measuring import filter_of, step_of
 from impactscope.discrepancy.driven.modal import Modes
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.plate import Plate
@@ -214,7 +214,7 @@ def _confused(
             continue
         if extra > 0 and not _open(s, made):
             continue
-        if p < s.judge.thresholds.confusable * top:
+        if extra <= 0 and p < s.judge.thresholds.confusable * top:
             continue
         found += [t.name for t in made.terms if t.name not in best]
     return tuple(dict.fromkeys(found))
@@ -226,8 +226,11 @@ def _open(s: Subject, made: Fit) -> bool:
     Either chi-square hints at it, or what it has beyond the simpler law may well be large: a
     friction that differs by direction, say, where the recordings cannot tell both ways apart.
     """
-    if s.judge.gain(s.outcome.best, made).total > HINT * (made.added - s.outcome.best.added):
+    gain = s.judge.gain(s.outcome.best, made).total
+    if gain > HINT * (made.added - s.outcome.best.added):
         return True
+    if gain < -HINT:
+        return False
     value, std = made.values, made.std
     if 'asymmetric_friction.force_forward' in value:
         ways = ('asymmetric_friction.force_forward', 'asymmetric_friction.force_backward')
@@ -343,7 +346,7 @@ def _plate_steps(s: Subject) -> list[Finding]:
 def _rounding(s: Subject) -> tuple[float, float]:
     """Step of the output channel, and the chi-square of rounding to it; zeros without steps."""
     fitted = [x.measured for x in s.segments if not x.held_out]
-    steps = [quantisation_step(x) for x in fitted]
+    steps = [step_of(x) for x in fitted]
     if s.plate is None or min(steps) <= 0.0 or max(steps) > 1.01 * min(steps):
         return 0.0, 0.0
     share = min(steps) ** 2 / 12.0 / s.plate.noise**2

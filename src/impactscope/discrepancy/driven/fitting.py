@@ -209,9 +209,7 @@ def fit(
             begin = _own_beginning(model, terms, values, segment, beginning(i), weights[i])
         begins.append(begin)
         residuals.append(segment.measured - model.predict(values, terms, begin, segment))
-    left = np.concatenate(
-        [weights[i] * counted(model, residuals[i], segments[i]) for i in fitted]
-    )
+    left = np.concatenate([weights[i] * counted(model, residuals[i], segments[i]) for i in fitted])
     spread = _scatter(slopes, left, white=known)
     std = {k: float(spread[j] * n.scale) for j, (k, n) in enumerate(shared)}
     added = sum(len(t.numbers) for t in terms)

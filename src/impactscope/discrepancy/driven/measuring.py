@@ -17,12 +17,13 @@ from scipy.interpolate import CubicSpline
 
 from impactscope.discrepancy.driven.terms import Number, Term
 
-__all__ = ['MAINS', 'ORDERS', 'filter_of', 'output_terms', 'passed_on', 'retimed']
+__all__ = ['MAINS', 'ORDERS', 'filter_of', 'output_terms', 'passed_on', 'retimed', 'step_of']
 
 Array = NDArray[np.float64]
 
 ORDERS = (1, 2, 3, 4, 6, 8)
 MAINS = (50.0, 60.0)  # Hz
+COARSE = 40.0  # rounding errors of single precision that a step must exceed to be seen
 CLOCKS = 1e-3  # largest drift of a clock that is looked for
 
 
@@ -30,6 +31,23 @@ def filter_of(term: Term) -> tuple[int, bool]:
     """Order and whether it runs forwards and backwards, of a low-pass among the candidates."""
     kind, _, order = term.variant.partition('-')
     return int(order), kind == 'zero'
+
+
+def step_of(samples: Array) -> float:
+    """Step of the lattice on which samples, shape (n,), lie in single precision; 0 without one."""
+    levels = np.unique(samples)
+    if levels.size < 3:
+        return 0.0
+    gaps = np.diff(levels)
+    rounding = float(np.finfo(np.float32).eps) * float(np.max(np.abs(levels)))
+    step = float(np.min(gaps))
+    if step <= COARSE * rounding:
+        return 0.0
+    for most in (1.5, 4.5, 20.5, math.inf):  # ever wider gaps tell the step ever better
+        near = gaps[gaps < most * step]
+        step = float(np.sum(near) / np.sum(np.round(near / step)))
+    off = np.abs(gaps - step * np.round(gaps / step))
+    return step if float(np.max(off)) < 0.02 * step + 2.0 * rounding else 0.0
 
 
 def retimed(samples: Array, offset: float, drift: float, period: float) -> Array:
