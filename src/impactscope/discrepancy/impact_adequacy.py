@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import integrate, stats
 
-from impactscope.discrepancy.impact_candidates import Candidate, candidates
+from impactscope.discrepancy.impact_candidates import Candidate, candidates, stronger
 from impactscope.discrepancy.impact_fit import Fit, projector
 from impactscope.errors import ImpactscopeError
 
@@ -223,9 +223,7 @@ def _signature(fit: Fit, candidate: Candidate) -> Array | None:
         if norm < _FELT:
             return change if norm > 0.0 else None
         share = 0.3 * _FELT / norm if math.isfinite(norm) else 0.01
-        for key, absent in candidate.amplitudes.items():
-            if key in start:
-                start[key] = absent + share * (start[key] - absent)
+        start = stronger(candidate, start, share)
     return None
 
 

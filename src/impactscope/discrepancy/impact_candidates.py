@@ -23,7 +23,7 @@ from impactscope.physics.mechanisms.mechanism import Mechanism, Parameter
 from impactscope.physics.mechanisms.registry import all_mechanisms
 from impactscope.physics.twin import layout as at
 
-__all__ = ['Candidate', 'candidates']
+__all__ = ['Candidate', 'candidates', 'stronger']
 
 Array = NDArray[np.float64]
 
@@ -31,6 +31,8 @@ _DIRECT = ('quantisation',)  # seen in the samples themselves, not by a fit
 _KEPT = {  # parameters that are not fitted: nothing on this bench tells them
     'external_push': ('hold', 'fall'),
 }
+_VANISHES = {'base_compliance': 'mass'}  # numbers at whose infinity an effect is absent
+_RINGS = tuple(float(f) for f in np.geomspace(30.0, 500.0, 9))  # Hz, where a part may ring
 _FILTERS = ((1, 0), (2, 0), (4, 0), (2, 1), (4, 1))  # order, zero phase
 _LARGEST_FREQUENCY = 1500.0  # Hz
 
@@ -63,6 +65,19 @@ class Candidate:
     def extend(self, model: ImpactModel) -> ImpactModel:
         """The model with this candidate in it."""
         return model.extended(free=self.free, effects=self.effects, constants=self.constants)
+
+
+def stronger(candidate: Candidate, start: Mapping[str, float], factor: float) -> dict[str, float]:
+    """Values with the numbers that make the effect vanish moved away from there by a factor."""
+    scaled = dict(start)
+    for key, absent in candidate.amplitudes.items():
+        if key not in scaled:
+            continue
+        if math.isinf(absent):
+            scaled[key] = scaled[key] / max(factor, 1e-9)
+        else:
+            scaled[key] = absent + factor * (scaled[key] - absent)
+    return scaled
 
 
 def candidates(fit: Fit, campaign_baseline: Sequence[str]) -> list[Candidate]:
@@ -119,7 +134,7 @@ class _Scene:
         self.resonances = {name: _resonances(fit, name) for name in model.data.channels}
 
 
-def _resonances(fit: Fit, channel: str, count: int = 2) -> tuple[float, ...]:
+def _resonances(fit: Fit, channel: str, count: int = 3) -> tuple[float, ...]:
     """Frequencies at which the residual of a channel is strongest, Hz."""
     total: Array | None = None
     grid = np.geomspace(8.0, _LARGEST_FREQUENCY, 240)
@@ -149,6 +164,7 @@ def _resonances(fit: Fit, channel: str, count: int = 2) -> tuple[float, ...]:
 def _bench_candidates(kind: Mechanism, model: ImpactModel, scene: _Scene) -> Iterator[Candidate]:
     active = ActiveEffect(kind.name)
     kept = _KEPT.get(kind.name, ())
+    vanishes = _VANISHES.get(kind.name)
     fitted = [p for p in kind.parameters if p.name not in kept]
     constants = {f'{active.tag}.{p.name}': p.default for p in kind.parameters if p.name in kept}
     starts = _starts(kind, fitted, scene)
@@ -164,7 +180,8 @@ def _bench_candidates(kind: Mechanism, model: ImpactModel, scene: _Scene) -> Ite
             f'{active.tag}.{p.name}': p.absent
             for p in fitted
             if p.absent is not None and math.isfinite(p.absent)
-        },
+        }
+        | {f'{active.tag}.{p.name}': math.inf for p in fitted if p.name == vanishes},
     )
     yield candidate
     shares = implied_shares(model, kind.name) if kind.name in _WEIGHTS else {}
@@ -219,13 +236,13 @@ def _starts(
             values = tuple(share * scene.speed for share in (0.02, 0.1, 0.4))
         elif p.name == 'gap':
             values = tuple(share * scene.travel for share in (0.003, 0.05))
-        elif p.name == 'mass' and p.absent is None:
-            values = (6.0, 40.0, 300.0, 2000.0)  # the heavier, the weaker the effect
+        elif p.name == _VANISHES.get(kind.name):
+            values = (100.0,)  # its strength is found by scaling
         elif p.name == 'start' and kind.name == 'external_push':
             values = (0.0, 0.05, 0.15)
         elif p.name == 'frequency':
             channel = 'acceleration.base' if 'base' in kind.name else 'acceleration.impactor'
-            values = tuple(dict.fromkeys((*scene.resonances.get(channel, ()), *p.start)))
+            values = tuple(dict.fromkeys((*scene.resonances.get(channel, ()), *_RINGS)))
         elif p.absent is not None and math.isfinite(p.absent):
             values = p.start[:1]  # its strength is found by scaling
         lists.append(values)
@@ -270,7 +287,7 @@ def _chain_candidates(kind: Mechanism, channel: str, scene: _Scene) -> Iterator[
             for i in range(len(scene.model.data.blows))
             for part in ('sine', 'cosine')
         ]
-        frequencies = dict.fromkeys((50.0, 60.0, *scene.resonances.get(channel, ())))
+        frequencies = dict.fromkeys((50.0, 60.0, *scene.resonances.get(channel, ())[:2]))
         parts = {f.key: noise for f in free[1:]}
         yield Candidate(
             label=tag,

@@ -25,7 +25,7 @@ from impactscope.discrepancy.evidence import (
     least_gain,
 )
 from impactscope.discrepancy.impact_adequacy import adequacy
-from impactscope.discrepancy.impact_candidates import Candidate, candidates
+from impactscope.discrepancy.impact_candidates import Candidate, candidates, stronger
 from impactscope.discrepancy.impact_fit import Fit, at_point, fit, jacobian, projector
 from impactscope.discrepancy.impact_follow import fit_baseline, further_misfit, held_out_fit
 from impactscope.discrepancy.impact_model import ImpactModel, Layout
@@ -53,6 +53,7 @@ _LEAST_GAIN = 9.0  # of chi-square, of such a candidate
 _SOUND = 10.0  # times the chance from which what is left is no noise
 _FELT = 15.0  # norm of the change by an effect that is weak
 _WEAKER = 4  # times that a trial is made weaker
+_STARTS = 3  # of a candidate that are refined
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
 
 
@@ -313,9 +314,12 @@ class Search:
     def order(self, current: Fit, listed: Sequence[Candidate]) -> list[Trial]:
         """Every candidate tried, the most promising first."""
         workbench = _Workbench(current)
-        trials = [t for c in listed if (t := workbench.best(c)) is not None]
-        trials.sort(key=lambda t: t.gain, reverse=True)
-        top = [workbench.refined(workbench.scaled(t)) for t in trials[: 2 * _JOINT]]
+        tried = [found for c in listed if (found := workbench.best(c))]
+        tried.sort(key=lambda found: found[0].gain, reverse=True)
+        top = [
+            max((workbench.refined(workbench.scaled(t)) for t in found), key=lambda t: t.gain)
+            for found in tried[: 2 * _JOINT]
+        ]
         top.sort(key=lambda t: t.gain, reverse=True)
         return top
 
@@ -345,6 +349,8 @@ class Search:
             try:
                 joint = fit(trial.model, current.layout, trial.x, settled=0.1)
             except ImpactscopeError:
+                continue
+            if candidate.name == 'mains_hum' and not _everywhere(joint, current):
                 continue
             found.append(weigh(candidate, joint, current, looks))
             if len(found) == 1 and candidate.name in all_mechanisms():
@@ -488,6 +494,22 @@ def _between(sound: Fit | None, window: float) -> float | None:
     return math.sqrt(reached * end)
 
 
+def _everywhere(joint: Fit, current: Fit) -> bool:
+    """Whether a hum is there before the blows, too: else it stands for something that is not."""
+    model, layout = joint.model, joint.layout
+    before = np.zeros(layout.size, dtype=np.bool_)
+    for (i, name), span in layout.spans.items():
+        blow = model.data.blows[i]
+        before[span] = blow.channels[name].centres[layout.masks[i, name]] < blow.onset - 2e-3
+    old, new = current.residuals[: layout.size], joint.residuals[: layout.size]
+    change = (new - old) ** 2
+    gain = old**2 - new**2
+    share = float(np.sum(change[before])) / max(float(np.sum(change)), 1e-300)
+    wanted = share * float(np.sum(gain))
+    # one standard deviation of the gain is twice its root
+    return float(np.sum(gain[before])) > 0.5 * wanted - 2.0 * math.sqrt(max(wanted, 0.0))
+
+
 def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
     """A joint fit against the model without the candidate."""
     spread = max(1.0, joint.reduced)
@@ -524,16 +546,13 @@ class _Workbench:
             out[size + j] = residuals[size + place[key]]
         return out
 
-    def best(self, candidate: Candidate) -> Trial | None:
-        """The best of a candidate's starts, each simulated once."""
+    def best(self, candidate: Candidate) -> list[Trial]:
+        """The best of a candidate's starts, each simulated, the best first."""
         if any(f.key in self.keys for f in candidate.free):
-            return self._released(candidate)
-        found: Trial | None = None
-        for start in candidate.starts:
-            trial = self._tried(candidate, start)
-            if trial is not None and (found is None or trial.gain > found.gain):
-                found = trial
-        return found
+            return [self._released(candidate)]
+        tried = [t for s in candidate.starts if (t := self._tried(candidate, s)) is not None]
+        tried.sort(key=lambda t: t.gain, reverse=True)
+        return tried[:_STARTS]
 
     def vector(self, model: ImpactModel, start: Mapping[str, float]) -> Array:
         known = self.current.values
@@ -561,7 +580,7 @@ class _Workbench:
         for _ in range(_WEAKER):  # a strong trial says nothing of a weak effect
             if effect < _FELT:
                 break
-            weaker = self._times(candidate, start, 0.5 * _FELT / effect)
+            weaker = stronger(candidate, start, 0.5 * _FELT / effect)
             try:
                 changed = self._left(model, self.vector(model, weaker))
             except ImpactscopeError:
@@ -573,7 +592,7 @@ class _Workbench:
         if factor < 0.0 and self._one_sided(candidate, start):
             return Trial(candidate, min(gain, 0.0), model, self.vector(model, start))
         factor = float(np.clip(factor, -30.0, 30.0))
-        x = self.vector(model, self._times(candidate, start, factor))
+        x = self.vector(model, stronger(candidate, start, factor))
         return Trial(candidate, max(gain, linear), model, x)
 
     def _factor(self, left: Array) -> tuple[float, float]:
@@ -587,22 +606,14 @@ class _Workbench:
 
     @staticmethod
     def _one_sided(candidate: Candidate, start: Mapping[str, float]) -> bool:
+        if math.inf in candidate.amplitudes.values():
+            return True
         return any(
             f.key in candidate.amplitudes
             and (f.lower == candidate.amplitudes[f.key] or f.upper == candidate.amplitudes[f.key])
             for f in candidate.free
             if f.key in start
         )
-
-    @staticmethod
-    def _times(
-        candidate: Candidate, start: Mapping[str, float], factor: float
-    ) -> dict[str, float]:
-        scaled = dict(start)
-        for key, absent in candidate.amplitudes.items():
-            if key in scaled:
-                scaled[key] = absent + factor * (scaled[key] - absent)
-        return scaled
 
     def scaled(self, trial: Trial, rounds: int = 3) -> Trial:
         """A trial with its strength brought to where it fits best, by simulation."""
@@ -628,7 +639,7 @@ class _Workbench:
                 break
             values = model.values(x)
             start = {f.key: values[f.key] for f in candidate.free}
-            x = self.vector(model, self._times(candidate, start, float(np.clip(factor, 0.05, 10))))
+            x = self.vector(model, stronger(candidate, start, float(np.clip(factor, 0.05, 10))))
         return best or trial
 
     def _released(self, candidate: Candidate) -> Trial:

@@ -1,0 +1,70 @@
+"""What is left after a fit: noise passes, and what is not noise is seen for what it is."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.campaign import Campaign
+from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact_adequacy import adequacy
+from impactscope.discrepancy.impact_baseline import baseline_model
+from impactscope.discrepancy.impact_data import prepare
+from impactscope.discrepancy.impact_fit import Fit
+from impactscope.discrepancy.impact_follow import fit_baseline
+
+
+def fitted(campaign: Campaign) -> Fit:
+    return fit_baseline(baseline_model(campaign, prepare(campaign)))
+
+
+def changed(campaign: Campaign, channel: str, change) -> Campaign:
+    """The campaign with ``change(recording's place, samples)`` in one channel."""
+    recordings = []
+    for place, recording in enumerate(campaign.recordings):
+        channels = dict(recording.channels)
+        if channel in channels:
+            old = channels[channel]
+            channels[channel] = dataclasses.replace(old, values=change(place, old.values))
+        recordings.append(dataclasses.replace(recording, channels=channels))
+    return dataclasses.replace(campaign, recordings=tuple(recordings))
+
+
+@pytest.mark.parametrize('seed', [31, 32, 33])
+def test_noise_alone_is_adequate(make_campaign, seed):
+    tests = adequacy(fitted(make_campaign(seed)))
+    assert tests.p_value > 0.01
+    assert set(tests.p_values) >= {'recordings', 'channels', 'time', 'chain', 'mechanisms'}
+
+
+def test_a_gain_that_changes_between_recordings_is_no_noise(make_campaign):
+    factors = (1.0, 1.004, 0.996, 1.0)
+    campaign = changed(make_campaign(31), 'force', lambda i, values: factors[i] * values)
+    fit = fitted(campaign)
+    tests = adequacy(fit)
+    assert fit.reduced < 1.2  # nothing that its size would tell
+    assert tests.p_value < 1e-4
+    assert tests.p_values['recordings'] < 1e-4
+    assert tests.excess['recordings'] > 30
+
+
+def test_a_bent_scale_of_a_channel_is_no_noise(make_campaign):
+    def bent(_: int, values):
+        return values + 4e-3 * values**2 / np.max(np.abs(values))
+
+    fit = fitted(changed(make_campaign(32), 'force', bent))
+    tests = adequacy(fit)
+    assert fit.reduced < 1.2
+    assert tests.p_values['chain'] < 1e-4
+
+
+def test_what_nobody_has_listed_is_called_unknown(make_campaign):
+    factors = (1.0, 1.004, 0.996, 1.0)
+    campaign = changed(make_campaign(31), 'force', lambda i, values: factors[i] * values)
+    answer = explain(campaign)
+    assert answer.accepted == ('unknown',)
+    assert answer.unexplained
+    assert answer.mismatch.p_value < 1e-3
+    assert answer.ranking[0].probability > 0.7

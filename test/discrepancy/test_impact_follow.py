@@ -1,0 +1,71 @@
+"""Baselines that are hard to reach: bouncing contacts, another structure, held-out blows."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact_baseline import baseline_model
+from impactscope.discrepancy.impact_data import prepare
+from impactscope.discrepancy.impact_follow import (
+    fit_baseline,
+    further_misfit,
+    held_out_fit,
+    with_repeatability,
+)
+from impactscope.physics.twin.assembly import Effect
+
+GLUED = ('linear_sensor', 'zener_damper', 'gravity_load')
+
+
+def test_a_baseline_follows_to_the_end_and_predicts(make_campaign):
+    campaign = make_campaign(41)
+    model = baseline_model(campaign, prepare(campaign))
+    found = fit_baseline(model)
+    assert found.reduced < 1.1
+    assert found.layout.size == found.model.layout(model.data.fitted).size
+    assert found.values['sensor.moving_mass'] == pytest.approx(1.671, rel=0.02)
+    held_out = held_out_fit(found, found.model.data.held_out)
+    assert held_out is not None
+    assert held_out.reduced < 1.2
+    same = further_misfit((found, held_out), (found, held_out))
+    assert same == pytest.approx(0.0, abs=0.1)
+    x = found.x.copy()
+    x[found.model.index('sensor.damping_ratio')] += 0.05  # of its logarithm
+    wrong = dataclasses.replace(found, x=x)
+    predicted = held_out_fit(wrong, found.model.data.held_out)
+    assert further_misfit((found, held_out), (wrong, predicted)) > 30.0
+
+
+def test_what_no_bench_repeats_counts_once_however_often_it_is_looked_at(make_campaign):
+    campaign = make_campaign(41)
+    model = baseline_model(campaign, prepare(campaign))
+    once = with_repeatability(model, model.start())
+    twice = with_repeatability(once, model.start())
+    for first, second in zip(once.data.blows, twice.data.blows, strict=True):
+        for name, channel in first.channels.items():
+            assert np.array_equal(channel.std, second.channels[name].std)
+            assert np.all(channel.std >= channel.own_std)
+
+
+@pytest.mark.slow
+def test_a_contact_that_the_simulation_glues_is_named(make_campaign):
+    answer = explain(make_campaign(42, baseline=GLUED))
+    assert answer.accepted == ('unilateral_contact',)
+    assert answer.fit.extended.reduced_chi_square < 1.2
+    assert math.isfinite(answer.fit.baseline.reduced_chi_square)
+    assert answer.fit.baseline.reduced_chi_square > 10.0
+
+
+@pytest.mark.slow
+def test_a_ringing_fixture_is_found_whatever_its_frequency(make_campaign):
+    values = {'frequency': 190.0, 'mass': 25.0, 'damping_ratio': 0.03}
+    answer = explain(make_campaign(43, [Effect('base_compliance', values)]))
+    assert answer.accepted == ('base_compliance',)
+    for name, value in values.items():
+        item = answer.ranking[0].parameters[name]
+        assert abs(item.value - value) < 4 * item.std
