@@ -38,6 +38,7 @@ LINEAR = (
     'linear_mass_spring_damper',
 )
 GLANCE = Effort(depth=1, tried=3, beam=1)
+MOST_OF_PLATE = 150_000  # samples of all fitted recordings of a plate under a hammer
 MOSTLY_NOISE = 30.0  # reduced chi-square of a baseline beyond which it is not looked at as noise
 NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
@@ -61,7 +62,7 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     parts, model, segments, linear = _start(campaign, notes)
     answer: Answer | None = None
     if campaign.kind is CampaignKind.DRIVEN and isinstance(model, OscillatorModel):
-        answer, sure = _under_hammer(campaign, parts, model, segments, linear, notes, tell)
+        answer, sure = _under_hammer(campaign, parts, model, segments, linear, tell)
         if answer is not None and sure:
             return answer
     baseline = _with_known(campaign, model, segments, linear)
@@ -102,7 +103,6 @@ def _under_hammer(
     model: OscillatorModel,
     segments: Sequence[Segment],
     linear: Fit,
-    notes: Sequence[str],
     tell: Progress,
 ) -> tuple[Answer | None, bool]:
     """The answer where noise is all that a right model leaves, and whether it is.
@@ -111,7 +111,11 @@ def _under_hammer(
     """
     if 'stiffness' not in linear.values or _modes(campaign) > 1:
         return None, False
-    plate = plate_under_hammer(parts, model, segments, linear)
+    notes = list(campaign.notes)
+    whole = cuts(campaign, [parts[0].channel], parts[0].drive_channel, notes, MOST_OF_PLATE)
+    if len(whole) != len(parts):
+        return None, False
+    plate = plate_under_hammer(whole, model, segments, linear)
     if plate is None:
         return None, False
     baseline = _with_known(campaign, plate.model, plate.segments, plate.baseline)

@@ -41,7 +41,8 @@ def plate_under_hammer(
 ) -> Plate | None:
     """The campaign as one in which the noise is all that a right model leaves; None if not.
 
-    It may be one if the force is that of a hammer and there is one output.
+    It may be one if the force is that of a hammer and there is one output. ``parts`` may be
+    longer than the segments, which were fitted.
     """
     if len({p.channel for p in parts}) != 1 or any(p.drive is None for p in parts):
         return None
@@ -55,10 +56,11 @@ def plate_under_hammer(
     quiet = [
         dataclasses.replace(
             s,
+            measured=cut.output,
             drive=inside_samples(h.force, (s.drive.shape[1] - 1) // 2, held=False),
             state=(0.0, 0.0),
         )
-        for s, h in zip(segments, forces, strict=True)
+        for s, h, cut in zip(segments, forces, parts, strict=True)
     ]
     linear = dataclasses.replace(model, terms=(), _last={})
     noise = _noise(parts, quiet, made)

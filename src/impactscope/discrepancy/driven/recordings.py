@@ -133,8 +133,16 @@ def _on_grid(source: ChannelSamples, time: Array, period: float) -> Array:
     return np.asarray(spline(time))
 
 
-def cuts(campaign: Campaign, outputs: list[str], drive: str, notes: list[str]) -> list[Cut]:
+def cuts(
+    campaign: Campaign,
+    outputs: list[str],
+    drive: str,
+    notes: list[str],
+    most: int = MOST_SAMPLES,
+) -> list[Cut]:
     """All parts of a campaign's recordings that can be used; what cannot is noted.
+
+    ``most``: samples of all fitted recordings together, beyond which these are cut short.
 
     Raises MissingChannelError where a channel is in no recording, InputError where nothing is
     left to fit.
@@ -159,15 +167,15 @@ def cuts(campaign: Campaign, outputs: list[str], drive: str, notes: list[str]) -
         for name, samples in ((cut.channel, cut.output), (cut.drive_channel, cut.drive)):
             if not cut.held_out and samples is not None and not np.any(samples):
                 raise InputError(f'{cut.recording}: {name} is zero throughout: it tells nothing')
-    return _shortened(found, notes)
+    return _shortened(found, notes, most)
 
 
-def _shortened(found: list[Cut], notes: list[str]) -> list[Cut]:
+def _shortened(found: list[Cut], notes: list[str], most_of_all: int) -> list[Cut]:
     """Fitted recordings cut to their beginnings where all together are very long."""
     fitted = [c for c in found if not c.held_out]
-    if sum(c.output.size for c in fitted) <= MOST_SAMPLES:
+    if sum(c.output.size for c in fitted) <= most_of_all:
         return found
-    most = max(MOST_SAMPLES // len(fitted), 4 * LEAST_SAMPLES)
+    most = max(most_of_all // len(fitted), 4 * LEAST_SAMPLES)
     longest = max(c.output.size for c in fitted)
     if longest > most:
         notes.append(
