@@ -38,6 +38,7 @@ _ALLOWED = 0.03  # of the noise of a sample: what two sound simulations may diff
 _FELT = 10.0  # norm of a weak effect
 _ALLOWED_ALONE = 0.015  # likewise, along one direction
 _BANDS = (60.0, 400.0)  # Hz, upper edges
+_BAND_LENGTH = 0.35  # s after the onset in which bands are looked at
 _LEAST_RANK = 1e-3  # of a further number's influence that the model's numbers leave of it
 
 
@@ -265,7 +266,7 @@ def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int]]:
         blow = fit.model.data.blows[i]
         time = blow.channels[name].centres[fit.layout.masks[i, name]]
         r = residual[span]
-        after = time > blow.settled
+        after = (time > blow.settled) & (time < blow.onset + _BAND_LENGTH)
         r, time = r[after], time[after]
         if r.size < 32:
             continue

@@ -34,6 +34,7 @@ _KEPT = {  # parameters that are not fitted: nothing on this bench tells them
 _VANISHES = {'base_compliance': 'mass'}  # numbers at whose infinity an effect is absent
 _RINGS = tuple(float(f) for f in np.geomspace(30.0, 500.0, 9))  # Hz, where a part may ring
 _FILTERS = ((1, 0), (2, 0), (4, 0), (2, 1), (4, 1))  # order, zero phase
+_RINGING = 0.3  # s after the onset in which resonances are looked for
 _LARGEST_FREQUENCY = 1500.0  # Hz
 
 
@@ -145,7 +146,7 @@ def _resonances(fit: Fit, channel: str, count: int = 3) -> tuple[float, ...]:
         mask = fit.layout.masks[i, channel]
         residual = fit.residuals[fit.layout.spans[i, channel]]
         time = blow.channels[channel].centres[mask]
-        after = time > blow.onset
+        after = (time > blow.onset) & (time < blow.onset + _RINGING)
         if np.count_nonzero(after) < 32:
             continue
         x, t = np.clip(residual[after], -50.0, 50.0), time[after]

@@ -105,8 +105,8 @@ def _answer(
     regions = (*_clipped_regions(data), *regions)
     subsystems = dict.fromkeys(f.subsystem for name in found for f in ranking if f.name == name)
     p_value = min(outcome.p_value, 0.0 if direct else 1.0)
-    if unexplained:
-        p_value = min(p_value, outcome.adequacy)
+    if unexplained and outcome.tests is not None:
+        p_value = min(p_value, outcome.tests.p_value)
     return Answer(
         campaign=campaign.name,
         kind=campaign.kind.value,
@@ -134,8 +134,7 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
     final = outcome.final
     ratio = final.reduced
     held = outcome.held_out_final
-    tests = adequacy(final)
-    outcome.adequacy = tests.p_value
+    tests = outcome.tests = outcome.tests or adequacy(final)
     missed = held is not None and held.reduced > thresholds.unexplained_ratio * max(1.0, ratio)
     if ratio <= thresholds.unexplained_ratio:
         if tests.p_value < thresholds.inadequate:
@@ -219,7 +218,8 @@ def _share_of_known(outcome: Outcome, thresholds: Thresholds) -> float:
     """Probability that a known mechanism explains after all what a test calls unexplained."""
     if outcome.final.reduced > thresholds.unexplained_ratio:
         return 0.1
-    return 0.02 + 0.28 * min(1.0, outcome.adequacy / thresholds.inadequate)
+    chance = 1.0 if outcome.tests is None else outcome.tests.p_value
+    return 0.02 + 0.28 * min(1.0, chance / thresholds.inadequate)
 
 
 def _listed(gain: float) -> float:

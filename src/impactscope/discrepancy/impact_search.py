@@ -24,7 +24,7 @@ from impactscope.discrepancy.evidence import (
     information,
     least_gain,
 )
-from impactscope.discrepancy.impact_adequacy import adequacy
+from impactscope.discrepancy.impact_adequacy import Adequacy, adequacy
 from impactscope.discrepancy.impact_candidates import Candidate, candidates, stronger
 from impactscope.discrepancy.impact_fit import Fit, at_point, fit, jacobian, projector
 from impactscope.discrepancy.impact_follow import fit_baseline, further_misfit, held_out_fit
@@ -92,7 +92,7 @@ class Outcome:
     doubted: set[str] = field(default_factory=set)  # accepted because nothing else was noise
     looks: int = 1
     window: float = math.inf
-    adequacy: float = 1.0  # chance of what the final model leaves under noise alone
+    tests: Adequacy | None = None  # of what the final model leaves
     held_out_baseline: Fit | None = None
     held_out_final: Fit | None = None
     notes: list[str] = field(default_factory=list)
@@ -136,8 +136,10 @@ class Search:
             if current.reduced > _LOST and not last:
                 break  # what comes later only amplifies what is not understood
             sound = current if current.reduced < _QUIET else None
-        outcome.final = self._doubted(current, outcome)
+        doubted = outcome.final = self._doubted(current, outcome)
         self._backward(outcome)
+        if outcome.final is not doubted:
+            outcome.tests = None
         if outcome.final.model is not baseline.model:
             outcome.baseline = fit(baseline.model, outcome.final.layout, baseline.x, iterations=8)
         else:
@@ -179,7 +181,8 @@ class Search:
     def _doubted(self, current: Fit, outcome: Outcome) -> Fit:
         """What is left is not noise: the candidate that makes it noise needs less evidence."""
         while len(outcome.accepted) < _MOST:
-            if adequacy(current).p_value > self.thresholds.inadequate:
+            outcome.tests = adequacy(current)
+            if outcome.tests.p_value > self.thresholds.inadequate:
                 break
             able = []
             for item in outcome.last[:_DOUBTED]:
@@ -197,6 +200,7 @@ class Search:
             outcome.doubted.add(best.candidate.label)
             current = best.fit
             outcome.last = []
+            outcome.tests = None
         return current
 
     def _share(self, window: float) -> float:
@@ -463,6 +467,7 @@ class Search:
                 else outcome.baseline
             )
             outcome.held_out_final = before
+            outcome.tests = None
 
     def _with(self, outcome: Outcome, chosen: Sequence[Candidate], layout: Layout) -> Fit:
         """The baseline with some of the findings, fitted over a window."""
