@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import signal
 import sys
 
 from impactscope.nodes.run import run
@@ -27,4 +28,8 @@ def main(name: str) -> int:
     """Run the node of this name with the arguments of the command line."""
     module, kind = NODES[name]
     node = getattr(importlib.import_module(f'impactscope.nodes.{module}'), kind)
-    return run(node, sys.argv)
+    try:
+        return run(node, sys.argv)
+    finally:  # Ctrl-C comes from the terminal and from the launch: the second one is too late
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
