@@ -181,6 +181,7 @@ class _Prospect:
     term: Term
     initial: Mapping[str, float]
     gain: float
+    other: Mapping[str, float] | None = None  # the next best start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,13 +192,21 @@ class _Look:
     start: Mapping[str, float]
     rows: NDArray[np.float32]
 
-    def prospect(self, here: Tangent) -> _Prospect:
+    def prospect(self, here: Tangent, plate: Mapping[str, float]) -> _Prospect:
         """What it could explain beside a fit, linearly."""
         gain, factors = here.explained(self.rows.astype(np.float64))
+        found = dict(self.start)
         amounts = [n for n in self.term.numbers if n.name in self.term.amounts]
         if not amounts:
-            return _Prospect(self.term, self.start, gain if factors[0] > 0.0 else 0.0)
-        found = dict(self.start)
+            for n in self.term.numbers:
+                if f'/{n.name}' in self.term.amounts and factors[0] > 0.0:
+                    name = key(self.term, n)
+                    value = self.start[name] / float(np.clip(factors[0], 1e-2, 1e6))
+                    found[name] = min(max(value, n.lower + 1e-3 * n.scale), n.upper)
+                    found |= _on_soft_base(
+                        plate, found[name], found[f'{self.term.label}.frequency']
+                    )
+            return _Prospect(self.term, found, gain if factors[0] > 0.0 else 0.0)
         for n, factor in zip(amounts, factors, strict=True):
             name = key(self.term, n)
             value = self.start[name] * float(np.clip(factor, -1e3, 1e3))
@@ -205,6 +214,15 @@ class _Look:
                 gain = 0.0
             found[name] = min(max(value, n.lower + 1e-3 * n.scale), n.upper)
         return _Prospect(self.term, found, gain)
+
+
+def _on_soft_base(plate: Mapping[str, float], mass: float, frequency: float) -> dict[str, float]:
+    """The plate's stiffness that keeps its natural frequency on a base that gives way."""
+    load = plate['stiffness']  # mass of the plate times its natural frequency squared
+    natural = load / plate['mass']
+    base = mass * ((2.0 * math.pi * frequency) ** 2 - natural)
+    stiffer = load * base / (base - load) if base != load else load
+    return {'stiffness': stiffer} if stiffer > 0.0 else {}
 
 
 def looks(
@@ -243,11 +261,13 @@ def prospects(
     here = tangent(model, made, segments) if here is None else here
     best: dict[str, list[_Prospect]] = {}
     for look in candidates:
-        best.setdefault(look.term.label, []).append(look.prospect(here))
+        best.setdefault(look.term.label, []).append(look.prospect(here, made.values))
     found = []
     for tried in best.values():
         tried.sort(key=lambda p: -p.gain)
-        found.append(max((_again(model, made, p, here, segments) for p in tried[:2]), key=_gained))
+        again = sorted((_again(model, made, p, here, segments) for p in tried[:2]), key=_gained)
+        other = again[0].initial if len(again) > 1 and again[0].gain > HOPE else None
+        found.append(dataclasses.replace(again[-1], other=other))
     return sorted(found, key=lambda p: -p.gain)
 
 
@@ -271,12 +291,12 @@ def _again(
     values = {**made.values, **prospect.initial}
     effect = change(model, made, (*made.terms, prospect.term), values, segments)
     if not np.all(np.isfinite(effect)):
-        return _Prospect(prospect.term, prospect.initial, 0.0)
+        return dataclasses.replace(prospect, gain=0.0)
     taken = here.taken(effect)
     if taken >= HOPE:
-        return _Prospect(prospect.term, prospect.initial, taken)
+        return dataclasses.replace(prospect, gain=taken)
     # not straight in its amount: the fit has to find it
-    return _Prospect(prospect.term, prospect.initial, 0.5 * prospect.gain)
+    return dataclasses.replace(prospect, gain=0.5 * prospect.gain)
 
 
 class _Fits:
@@ -291,22 +311,41 @@ class _Fits:
         self.looks = looks(model, baseline, first, segments)
         self.known: dict[frozenset[str], Fit] = {_labels(baseline.terms): baseline}
 
-    def make(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
+    def make(
+        self,
+        base: Fit,
+        terms: tuple[Term, ...],
+        initial: Mapping[str, float],
+        other: Mapping[str, float] | None = None,
+    ) -> Fit:
+        """The fit with these terms, the better one where there are two starts."""
         names = _labels(terms)
         if names not in self.known:
-            scaled = tuple(_measured_by(t, initial) for t in terms)
-            values = {**base.values, **initial}
-            self.known[names] = fit(
-                self.model,
-                scaled,
-                self.segments,
-                values,
-                base.starts,
-                EVALUATIONS,
-                TOLERANCE,
-                -self.here.slopes,
-            )
+            tries = [self._fit(base, terms, initial)]
+            # with one number alone, or one way to be large, both starts end in the same place
+            if other is not None and len(terms[-1].numbers) > 1:
+                tries.append(self._fit(base, terms, other))
+            self.known[names] = min(tries, key=self._misfit)
         return self.known[names]
+
+    def _fit(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
+        scaled = tuple(_measured_by(t, initial) for t in terms)
+        values = {**base.values, **initial}
+        return fit(
+            self.model,
+            scaled,
+            self.segments,
+            values,
+            base.starts,
+            EVALUATIONS,
+            TOLERANCE,
+            -self.here.slopes,
+        )
+
+    def _misfit(self, made: Fit) -> float:
+        """Chi-square on the fitted recordings."""
+        pairs = zip(self.segments, made.residuals, strict=True)
+        return float(sum(np.sum(innovations(s, r) ** 2) for s, r in pairs if not s.held_out))
 
     def polish(self, made: Fit) -> Fit:
         """A fit once more, with every derivative taken anew."""
@@ -392,7 +431,7 @@ def _grow(fits: _Fits, base: Fit, most: int) -> list[Fit]:
         names[p.term.name] = names.get(p.term.name, 0) + 1
         if names[p.term.name] > 3:
             continue
-        made.append(fits.make(base, (*base.terms, p.term), p.initial))
+        made.append(fits.make(base, (*base.terms, p.term), p.initial, p.other))
     best = max(ranked, key=lambda p: p.gain, default=None)
     for p in ranked:
         if p.term.name == 'low_pass_filter' and best is not None and p.gain > 0.5 * best.gain:

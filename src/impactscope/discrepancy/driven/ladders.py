@@ -130,15 +130,16 @@ def exact_terms(
                 Number(
                     'frequency',
                     'Hz',
-                    tuple(natural * s for s in (0.3, 0.7, 1.5, 2.5, 4.0, 7.0, 12.0, 25.0)),
+                    _ladder(natural, 0.3, 25.0, 40),
                     0.1 * natural,
                     0.02 * natural,
                     0.3 * rate,
                 ),
-                Number('mass', 'kg', (3.0 * mass, 30.0 * mass), mass, 0.02 * mass, 1e5 * mass),
-                Number('damping_ratio', '1', (0.03,), 0.01, 0.0, 2.0),
+                Number('mass', 'kg', (1e5 * mass,), mass, 0.02 * mass, 1e7 * mass),
+                Number('damping_ratio', '1', (0.05,), 0.01, 0.0, 2.0),
             ),
             excludes=FRICTION,
+            amounts=('/mass',),
         )
     )
     return (*found, *output_terms(*output, rate, longest, noise, peak))

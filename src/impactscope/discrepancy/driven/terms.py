@@ -33,7 +33,8 @@ class Term:
     ``excludes``: names of effects that cannot stand beside it because they say the same.
     ``fixed``: what is entered beside the fitted numbers. ``restart``: values of the baseline's
     numbers to set out from, where the effect gives them another meaning. ``output``: it acts in
-    the measuring chain of the output. ``amounts``: numbers that say how much of it there is.
+    the measuring chain of the output. ``amounts``: numbers that say how much of it there
+    is; with a stroke before one, the less of it the larger that is.
     """
 
     name: str
