@@ -15,6 +15,7 @@ from impactscope.physics.pendulum import Orientation, Pendulum
 from impactscope.physics.twin.assembly import Effect, implied_effects
 from impactscope.physics.twin.bench import (
     PAPER_LAYER,
+    BareContact,
     Bench,
     Blow,
     HammerTap,
@@ -112,6 +113,7 @@ def make_campaign() -> Callable[..., Campaign]:
         rate: float | Mapping[str, float] = 2500.0,
         duration: float = 0.35,
         tap: HammerTap | MeasuredForce | None = None,
+        bare: BareContact | None = None,
     ) -> Campaign:
         rng = np.random.default_rng(seed)
         gains = {c: 1 + float(rng.standard_normal()) * GAIN_STD[c.split('.')[0]] for c in NOISE}
@@ -131,12 +133,13 @@ def make_campaign() -> Callable[..., Campaign]:
                     'mass_distance': distance,
                     'release_angle_deg': angle,
                     'role': 'hold_out' if n == len(plan) - 1 else 'fit',
+                    'damper': bare is None,
                 }
             )
         samples = {}
         for recording, blow in zip(recordings, blows, strict=True):
-            layer = None if isinstance(blow, HammerTap | MeasuredForce) else PAPER_LAYER
-            bench = Bench(Sensor(), damper=layer, orientation=where)
+            layer = None if bare or isinstance(blow, HammerTap | MeasuredForce) else PAPER_LAYER
+            bench = Bench(Sensor(), damper=layer, contact=bare or BareContact(), orientation=where)
             samples[recording['file']] = _measured(
                 bench, blow, effects, gains, rng, rate, duration
             )

@@ -15,10 +15,13 @@ from impactscope.discrepancy.impact_follow import (
     fit_baseline,
     further_misfit,
     held_out_fit,
+    prediction_misfit,
     with_repeatability,
 )
 from impactscope.physics.twin.assembly import Effect
+from impactscope.physics.twin.bench import BareContact
 
+BARE = ('linear_sensor', 'hertz_contact', 'unilateral_contact', 'gravity_load')
 GLUED = ('linear_sensor', 'zener_damper', 'gravity_load')
 
 
@@ -39,6 +42,18 @@ def test_a_baseline_follows_to_the_end_and_predicts(make_campaign):
     wrong = dataclasses.replace(found, x=x)
     predicted = held_out_fit(wrong, found.model.data.held_out)
     assert further_misfit((found, held_out), (wrong, predicted)) > 30.0
+
+
+@pytest.mark.parametrize(('stiffness', 'restitution'), [(1.5e7, 0.9), (1e8, 0.85), (3e9, 0.3)])
+def test_a_bare_contact_is_met_whatever_its_law(make_campaign, stiffness, restitution):
+    contact = BareContact(stiffness, restitution=restitution)
+    campaign = make_campaign(43, bare=contact, baseline=BARE, rate=5000.0)
+    found = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    assert found.reduced < 1.2
+    assert found.values['contact.stiffness'] == pytest.approx(stiffness, rel=0.1)
+    held_out = held_out_fit(found, found.model.data.held_out)
+    assert held_out is not None
+    assert prediction_misfit(found, held_out) < 1.2
 
 
 def test_what_no_bench_repeats_counts_once_however_often_it_is_looked_at(make_campaign):

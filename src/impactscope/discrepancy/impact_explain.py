@@ -25,7 +25,7 @@ from impactscope.discrepancy.impact_baseline import baseline_model
 from impactscope.discrepancy.impact_candidates import Candidate
 from impactscope.discrepancy.impact_data import CampaignData, prepare
 from impactscope.discrepancy.impact_fit import Fit
-from impactscope.discrepancy.impact_follow import fit_baseline
+from impactscope.discrepancy.impact_follow import fit_baseline, prediction_misfit
 from impactscope.discrepancy.impact_search import Found, Outcome, Search
 from impactscope.discrepancy.locate import Phase, Strip, locate, phases
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
@@ -135,7 +135,12 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
     ratio = final.reduced
     held = outcome.held_out_final
     tests = outcome.tests = outcome.tests or adequacy(final)
-    missed = held is not None and held.reduced > thresholds.unexplained_ratio * max(1.0, ratio)
+    allowed = thresholds.unexplained_ratio * max(1.0, ratio)
+    missed = (
+        held is not None
+        and held.reduced > allowed  # quick to see, and never less than what follows
+        and prediction_misfit(final, held) > allowed
+    )
     if ratio <= thresholds.unexplained_ratio:
         if tests.p_value < thresholds.inadequate:
             return True, (
