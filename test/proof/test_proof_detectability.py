@@ -129,6 +129,12 @@ def test_nearly_even_friction_cannot_be_told_from_even_friction(freedom):
     assert 'hardening_spring' not in near
 
 
+def test_nothing_left_looks_like_nothing(freedom):
+    left = [np.zeros_like(part) for part in freedom.reference]
+    chosen = effect('coulomb_friction')
+    assert alternatives(np.random.default_rng(0), freedom, left, skip=chosen) == {}
+
+
 @pytest.mark.parametrize('key', [e.key for e in EFFECTS if e.family != 'label'])
 def test_every_effect_changes_a_campaign_and_its_parameters_are_told(key):
     chosen = effect(key)

@@ -135,6 +135,8 @@ def alternatives(
     """
     size = norm(left)
     found: dict[str, float] = {}
+    if size < 1e-9:  # the baseline hides it completely: there is nothing to look like
+        return found
     for other in EFFECTS:
         if other.family in ('outside', 'label') or other.key == skip.key:
             continue
