@@ -22,7 +22,7 @@ from impactscope.discrepancy.driven.decide import Gain, Judge
 from impactscope.discrepancy.driven.fitting import Fit, fit, numbers_of
 from impactscope.discrepancy.driven.measuring import filter_of
 from impactscope.discrepancy.driven.model import Model, Segment
-from impactscope.discrepancy.driven.search import Outcome
+from impactscope.discrepancy.driven.search import Outcome, prune
 from impactscope.discrepancy.driven.terms import Term, key
 from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
 
@@ -405,13 +405,13 @@ def exact_search(
         close = [f for f in _distinct(grown) if judge.criterion(f, baseline) < level + CLOSE]
         beam = close[:2]
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
-    best = _prune(fits, best, judge)
+    best = _pruned(fits, best, judge)
     best = _against_rivals(fits, best, judge)
     level = judge.criterion(best, baseline) + NEAR
     for made in [f for f in fits.known.values() if judge.criterion(f, baseline) < level]:
         fits.polish(made)
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
-    best = fits.polish(_prune(fits, best, judge))
+    best = fits.polish(_pruned(fits, best, judge))
     if best is not baseline and not judge.better(baseline, best):
         best = baseline
     rivals = tuple(f for f in fits.known.values() if f is not best)
@@ -469,20 +469,8 @@ def _best_parent(fits: _Fits, child: Fit, judge: Judge) -> Fit:
     return min(parents, key=lambda f: judge.criterion(f, fits.baseline), default=fits.baseline)
 
 
-def _prune(fits: _Fits, best: Fit, judge: Judge) -> Fit:
-    """Take away terms that chi-square can do without, the weakest first."""
-    given = _labels(fits.baseline.terms)
-    while best is not fits.baseline:
-        smaller = []
-        for term in best.terms:
-            if term.label not in given:
-                rest = tuple(t for t in best.terms if t.label != term.label)
-                smaller.append(fits.make(best, rest, {}))
-        kept = [f for f in smaller if not judge.better(f, best)]
-        if not kept:
-            break
-        best = min(kept, key=lambda f: judge.criterion(f, fits.baseline))
-    return best
+def _pruned(fits: _Fits, best: Fit, judge: Judge) -> Fit:
+    return prune(best, fits.baseline, judge, lambda fitted, rest: fits.make(fitted, rest, {}))
 
 
 def _against_rivals(fits: _Fits, best: Fit, judge: Judge) -> Fit:
@@ -496,7 +484,7 @@ def _against_rivals(fits: _Fits, best: Fit, judge: Judge) -> Fit:
         same = [f for f in fits.known.values() if f.added <= best.added]
         rival = min(same, key=lambda f: judge.criterion(f, fits.baseline))
         if judge.criterion(rival, fits.baseline) < judge.criterion(best, fits.baseline):
-            return _prune(fits, rival, judge)
+            return _pruned(fits, rival, judge)
     return best
 
 

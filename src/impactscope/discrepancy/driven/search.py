@@ -21,7 +21,7 @@ from impactscope.discrepancy.driven.fitting import FINE, Fit, fit, sensitivities
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.terms import Number, Term, key
 
-__all__ = ['MOST_NUMBERS', 'Effort', 'Outcome', 'search']
+__all__ = ['MOST_NUMBERS', 'Effort', 'Outcome', 'prune', 'search']
 
 Array = NDArray[np.float64]
 Start = Callable[[Sequence[Number], Sequence[Term], Sequence[Segment]], Mapping[str, float]]
@@ -203,7 +203,7 @@ def search(
             break
     everything = list(fits.known.values())
     best = min(everything, key=lambda f: judge.criterion(f, baseline))
-    best = _prune(fits, best, judge)
+    best = prune(best, fits.baseline, judge, lambda fitted, rest: fits.make(fitted, rest, {}))
     if best is not baseline and not judge.better(baseline, best):
         best = baseline
     if best is not baseline:
@@ -239,20 +239,24 @@ def _best_parent(fits: _Fits, child: Fit, judge: Judge) -> Fit:
     return min(parents, key=lambda f: judge.criterion(f, fits.baseline))
 
 
-def _prune(fits: _Fits, best: Fit, judge: Judge) -> Fit:
-    """Take away terms that the recordings can do without, the weakest first."""
-    given = _labels(fits.baseline.terms)
-    while best is not fits.baseline:
+def prune(
+    best: Fit, baseline: Fit, judge: Judge, make: Callable[[Fit, tuple[Term, ...]], Fit]
+) -> Fit:
+    """Take away terms that the recordings can do without, the weakest first.
+
+    ``make`` fits a model's remaining terms, starting from the fit that it is given.
+    """
+    given = {t.label for t in baseline.terms}
+    while best is not baseline:
         smaller = []
         for term in best.terms:
-            if term.label in given:
-                continue
-            rest = tuple(t for t in best.terms if t is not term)
-            smaller.append(fits.make(best, rest, {}))
+            if term.label not in given:
+                rest = tuple(t for t in best.terms if t.label != term.label)
+                smaller.append(make(best, rest))
         kept = [f for f in smaller if not judge.better(f, best)]
         if not kept:
             break
-        best = min(kept, key=lambda f: judge.criterion(f, fits.baseline))
+        best = min(kept, key=lambda f: judge.criterion(f, baseline))
     return best
 
 
