@@ -10,8 +10,9 @@ Where an effect can be re-tuned away completely d' is 0, however large it is.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,20 @@ from numpy.typing import NDArray
 from .measurement import noise_free, whitened
 from .scenario import Blow, Scenario, impactor
 
-__all__ = ['Freedom', 'Knob', 'norm', 'samples']
+__all__ = ['Companion', 'Freedom', 'Knob', 'norm', 'samples']
 
 Array = NDArray[np.float64]
+
+_SPANS = (0.03, 0.1, 0.3)  # s after the first contact
+_FACTOR = 0.1, 5.0  # the least and the most a number of the bench is turned by
+_COMPANION = 'companion'
+_COMPANION_SHARE = 1e-3, 3.0  # of its strength: the least and the most that is tried
+_STEPS = 20
+_SETTLED = 0.02  # of what is left, or of the noise below 1
+_STIFFEST = 1e3  # damping after Marquardt, in units of the normal matrix
+
+
+Companion = Callable[[Scenario, float], Scenario]  # an effect at a share of its strength
 
 
 @dataclass(frozen=True)
@@ -45,107 +57,184 @@ def samples(scenario: Scenario, spans: Scenario | None = None) -> list[Array]:
     ]
 
 
-class Freedom:
-    """What a baseline can re-tune: its sensitivities, and the projection past them."""
+@dataclass(frozen=True)
+class _Slopes:
+    """Sensitivities of a baseline at one setting of its knobs, noise units."""
 
-    def __init__(self, baseline: Scenario) -> None:
-        self.baseline = baseline
-        self.knobs = _knobs(baseline)
-        self.reference = samples(baseline)
-        self._blocks: list[tuple[Array, list[int]]] = []
-        for index in range(len(baseline.blows)):
-            own = [i for i, k in enumerate(self.knobs) if k.blow in (-1, index)]
-            columns = [self._sensitivity(i, index) for i in own]
-            self._blocks.append((np.stack(columns, axis=1), own))
-        n = len(self.knobs)
-        normal = np.zeros((n, n))
-        for block, own in self._blocks:
+    blocks: Sequence[tuple[Array, list[int]]]  # a recording: samples by its knobs, which knobs
+    prior: Array  # inverse variances, one a knob
+
+    def step(self, left: Sequence[Array], change: Array, damping: float = 0.0) -> Array:
+        """Change of the knobs that removes most of ``left``, damped after Marquardt."""
+        n = self.prior.size
+        normal, pull = np.zeros((n, n)), -self.prior * change
+        for d, (block, own) in zip(left, self.blocks, strict=True):
             normal[np.ix_(own, own)] += block.T @ block
-        self._prior = np.array([k.std**-2 for k in self.knobs])
-        normal[np.diag_indices(n)] += self._prior
-        self._scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
-        scaled = normal / np.outer(self._scale, self._scale)
+            pull[own] += block.T @ d
+        normal[np.diag_indices(n)] += self.prior
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+        scaled = normal / np.outer(scale, scale)
+        scaled[np.diag_indices(n)] += damping
         values, vectors = np.linalg.eigh(scaled)
         kept = values > 1e-11 * values[-1]
-        self._inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+        inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+        result: Array = (inverse @ (pull / scale)) / scale
+        return result
+
+    def promised(self, left: Sequence[Array], move: Array, ahead: Array) -> float:
+        """Norm that would be left after a move were the baseline linear."""
+        rest = [d - b @ move[own] for d, (b, own) in zip(left, self.blocks, strict=True)]
+        return norm([*rest, ahead * np.sqrt(self.prior)])
+
+    def seen(self, weights: Sequence[Array]) -> _Slopes:
+        """The same with weighted samples."""
+        blocks = [(w[:, None] * b, own) for w, (b, own) in zip(weights, self.blocks, strict=True)]
+        return _Slopes(blocks, self.prior)
+
+
+class Freedom:
+    """What a baseline can re-tune: its sensitivities, and what a truth leaves beside it."""
+
+    def __init__(self, baseline: Scenario, companion: Companion | None = None) -> None:
+        """``companion``: an effect beside the baseline; its strength is one more knob."""
+        self.baseline = baseline
+        self._companion = companion
+        self.knobs = _knobs(baseline)
+        if companion is not None:
+            self.knobs.append(Knob(_COMPANION, 1e-3))
+        self.scenario = self._tuned(np.zeros(len(self.knobs)))
+        self.reference = samples(self.scenario, baseline)
+        self._prior = np.array([k.std**-2 for k in self.knobs])
+        self._slopes = self._linearised(np.zeros(len(self.knobs)), self.reference)
 
     def remainder(self, difference: Sequence[Array]) -> list[Array]:
         """What is left of a difference (noise units) after linear re-tuning; priors last."""
         change = np.zeros(len(self.knobs))
         left = list(difference)
         for _ in range(2):  # the second time mends rounding
-            change += self._retune(left, change)
+            change += self._slopes.step(left, change)
             left = [
                 d - block @ change[own]
-                for d, (block, own) in zip(difference, self._blocks, strict=True)
+                for d, (block, own) in zip(difference, self._slopes.blocks, strict=True)
             ]
         return [*left, -change * np.sqrt(self._prior)]
 
-    def detectability(self, truth: Scenario, *, refine: int = 0) -> float:
+    def detectability(self, truth: Scenario, *, linear: bool = False) -> float:
         """Size of a truth against the baseline, d'; arguments as of :meth:`fitted`."""
-        return self.fitted(truth, refine=refine)[1]
+        return self.fitted(truth, linear=linear)[1]
 
-    def fitted(self, truth: Scenario, *, refine: int = 0) -> tuple[list[Array], float]:
+    def fitted(self, truth: Scenario, *, linear: bool = False) -> tuple[list[Array], float]:
         """What is left of a truth after re-tuning, priors last, and its norm d'.
+
+        The baseline is fitted to the noise-free truth by damped Gauss-Newton steps, simulated
+        and linearised anew: over whole recordings, and from the first 30 ms after the contact
+        on over growing spans, since behind a few contacts a fit from afar finds no way. The
+        least of both counts: never below the true one.
 
         Args:
             truth: campaign with the same recordings and channels.
-            refine: damped Gauss-Newton steps with the baseline simulated anew (0: linear).
-
-        With ``refine`` the norm is the least that was reached: never below the true one.
+            linear: by the sensitivities at the baseline alone (quick; right when small).
         """
         target = samples(truth, self.baseline)
-        left = [a - b for a, b in zip(target, self.reference, strict=True)]
-        if refine == 0:
-            parts = self.remainder(left)
+        if linear:
+            parts = self.remainder([a - b for a, b in zip(target, self.reference, strict=True)])
             return parts, norm(parts)
-        change = np.zeros(len(self.knobs))
-        best = norm(left)
-        for _ in range(refine):
-            step = self._retune(left, change)
-            for share in (1.0, 0.5, 0.2):
-                ahead = change + share * step
-                tuned = samples(self._tuned(ahead), self.baseline)
-                rest = [a - b for a, b in zip(target, tuned, strict=True)]
-                size = norm([*rest, ahead * np.sqrt(self._prior)])
-                if size < best:
+        rest = np.zeros(len(self.knobs))
+        direct, straight = self._follow(target, rest, np.inf)
+        ends = [self._left(target, direct)]
+        if not straight:
+            for span in _SPANS:
+                rest, _ = self._follow(target, rest, span)
+            ends.append(self._left(target, self._follow(target, rest, np.inf)[0]))
+        parts = min(ends, key=norm)
+        return parts, norm(parts)
+
+    def _left(self, target: Sequence[Array], change: Array) -> list[Array]:
+        tuned = samples(self._tuned(change), self.baseline)
+        left = [a - b for a, b in zip(target, tuned, strict=True)]
+        return [*left, -change * np.sqrt(self._prior)]
+
+    def _follow(self, target: Sequence[Array], change: Array, span: float) -> tuple[Array, bool]:
+        """Knobs fitted from ``change`` over the first ``span`` seconds after the contact.
+
+        Also whether one step led there, as where the baseline is linear in its knobs.
+        """
+        weights = [(t < span).astype(float) for t in self._since_contact]
+
+        def parts(at: Array) -> list[Array]:
+            *left, pull = self._left(target, at)
+            return [*(w * d for w, d in zip(weights, left, strict=True)), pull]
+
+        slopes, damping, fresh = self._slopes.seen(weights), 0.0, not change.any()
+        left = parts(change)
+        size = norm(left)
+        for count in range(_STEPS):
+            ahead = change + slopes.step(left[:-1], change, damping)
+            rest = parts(ahead)
+            reached = norm(rest)
+            promised = slopes.promised(left[:-1], ahead - change, ahead)
+            true_to_word = abs(reached - promised) < _SETTLED * max(reached, 1.0)
+            if reached < size:
+                change, left, damping = ahead, rest, 0.1 * damping
+            gained, size = size - reached, min(reached, size)
+            if (true_to_word and damping < 1e-6) or 0 <= gained < 0.1 * _SETTLED * max(size, 1.0):
+                return change, count == 0
+            if gained < 0 and fresh:
+                damping = max(10 * damping, 1e-4)
+                if damping > _STIFFEST:
                     break
-            if not size < 0.995 * best:
-                break
-            change, left, best = ahead, rest, size
-        return [*left, -change * np.sqrt(self._prior)], best
+            else:
+                slopes = self._linearised(change, samples(self._tuned(change), self.baseline))
+                slopes, fresh = slopes.seen(weights), True
+        return change, False
 
-    def _retune(self, left: Sequence[Array], change: Array) -> Array:
-        pull = -self._prior * change
-        for d, (block, own) in zip(left, self._blocks, strict=True):
-            pull[own] += block.T @ d
-        result: Array = (self._inverse @ (pull / self._scale)) / self._scale
-        return result
+    @cached_property
+    def _since_contact(self) -> list[Array]:
+        """Seconds from the first contact to each whitened sample, an array a recording."""
+        scenario = self.baseline
+        return [
+            np.concatenate(
+                [
+                    np.arange(math.ceil(b.duration * scenario.rates[n])) / scenario.rates[n]
+                    - b.start
+                    for n in scenario.channels
+                ]
+            )
+            for b in scenario.blows
+        ]
 
-    def _sensitivity(self, knob: int, blow: int) -> Array:
+    def _linearised(self, change: Array, tuned: Sequence[Array]) -> _Slopes:
+        blocks = []
+        for index in range(len(self.baseline.blows)):
+            own = [i for i, k in enumerate(self.knobs) if k.blow in (-1, index)]
+            columns = [self._sensitivity(i, index, change, tuned[index]) for i in own]
+            blocks.append((np.stack(columns, axis=1), own))
+        return _Slopes(blocks, self._prior)
+
+    def _sensitivity(self, knob: int, blow: int, change: Array, tuned: Array) -> Array:
         name = self.knobs[knob].name
         if name.startswith('gain '):
-            return self._of_channel(name.removeprefix('gain '), blow)
+            return self._of_channel(name.removeprefix('gain '), blow, tuned)
         step = self.knobs[knob].step
         ends = []
         for sign in (1, -1):
-            change = np.zeros(len(self.knobs))
-            change[knob] = sign * step
-            turned = self._tuned(change, only=blow)
+            turned = change.copy()
+            turned[knob] += sign * step
+            scenario = self._tuned(turned, only=blow)
             span = self.baseline.blows[blow]
-            ends.append(whitened(noise_free(turned.blows[blow], turned), turned, span))
+            ends.append(whitened(noise_free(scenario.blows[blow], scenario), scenario, span))
         result: Array = (ends[0] - ends[1]) / (2 * step)
         return result
 
-    def _of_channel(self, name: str, blow: int) -> Array:
-        """The part of a recording's reference that a channel's gain scales."""
-        part = np.zeros_like(self.reference[blow])
+    def _of_channel(self, name: str, blow: int, tuned: Array) -> Array:
+        """The part of a recording that a channel's gain scales."""
+        part = np.zeros_like(tuned)
         begin = 0
         for channel in self.baseline.channels:
             rate = self.baseline.rates[channel]
             size = math.ceil(self.baseline.blows[blow].duration * rate)
             if channel == name:
-                part[begin : begin + size] = self.reference[blow][begin : begin + size]
+                part[begin : begin + size] = tuned[begin : begin + size]
             begin += size
         return part
 
@@ -154,7 +243,7 @@ class Freedom:
         blows = list(self.baseline.blows)
         chains = dict(self.baseline.chains)
         for knob, value in zip(self.knobs, change, strict=True):
-            if value == 0:
+            if value == 0 or knob.name == _COMPANION:
                 continue
             if knob.name.startswith('gain '):
                 name = knob.name.removeprefix('gain ')
@@ -163,7 +252,10 @@ class Freedom:
             for i, blow in enumerate(blows):
                 if knob.blow in (-1, i) and only in (-1, i):
                     blows[i] = _turned(blow, knob.name, value, self.baseline)
-        return replace(self.baseline, blows=tuple(blows), chains=chains)
+        tuned = replace(self.baseline, blows=tuple(blows), chains=chains)
+        if self._companion is None:
+            return tuned
+        return self._companion(tuned, float(np.clip(1 + change[-1], *_COMPANION_SHARE)))
 
 
 def norm(parts: Sequence[Array]) -> float:
@@ -207,5 +299,5 @@ def _turned(blow: Blow, name: str, value: float, scenario: Scenario) -> Blow:
         speed = fields['speed']
         return replace(turned, bench=turned.bench._replace(speed=speed))
     old = float(getattr(blow.bench, name))
-    factor = max(1 + value, 0.1)
+    factor = float(np.clip(1 + value, *_FACTOR))
     return replace(blow, bench=blow.bench._replace(**{name: old * factor}))

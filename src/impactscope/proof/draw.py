@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .conditions import draw_scenario
-from .detectability import Freedom, norm, samples
+from .detectability import Companion, Freedom, norm
 from .effects import EFFECTS, Effect
 from .scenario import Scenario
 
@@ -35,6 +35,7 @@ CATEGORIES: Mapping[str, float] = {
     'label': 0.07,
 }
 WEAKEST, STRONGEST = 0.3, 100.0  # d'
+_DRAWS = 30  # until the wanted channel comes; some effects are of one channel only
 CONFUSABLE = 2.0  # an alternative that leaves less than this d' cannot be ruled out
 
 
@@ -99,8 +100,8 @@ def draw(
     part = _part(chosen, strength, aux, size)
     confusable = {}
     if classes and size >= 1:
-        left, _ = freedom.fitted(truth, refine=2)
-        confusable = alternatives(rng, freedom, left, skip=chosen)
+        left, _ = freedom.fitted(truth)
+        confusable = alternatives(rng, freedom, left, {chosen.key})
     return Concealed(baseline, truth, category, (part,), size, confusable)
 
 
@@ -113,52 +114,86 @@ def solve_strength(
     end; where no strength in the effect's range has the wanted d', the nearest.
     """
     if not chosen.tunable:
-        truth = chosen.apply(freedom.baseline, 1.0, aux)
-        return 1.0, freedom.detectability(truth, refine=3)
+        truth = chosen.apply(freedom.scenario, 1.0, aux)
+        return 1.0, freedom.detectability(truth)
     if chosen.name == 'quantisation':
         return _quantisation(freedom, aux, wanted)
-    strength, _ = _search(freedom, chosen, aux, wanted, math.sqrt(chosen.low * chosen.high), 0)
-    return _search(freedom, chosen, aux, wanted, strength, 2, trials=5)
+    strength, _ = _search(freedom, chosen, aux, wanted, math.sqrt(chosen.low * chosen.high))
+    return _search(freedom, chosen, aux, wanted, strength, linear=False, trials=5)
 
 
 def alternatives(
     rng: np.random.Generator,
     freedom: Freedom,
     left: Sequence[Array],
-    skip: Effect,
+    skip: Collection[str],
     limit: float = CONFUSABLE,
 ) -> dict[str, float]:
     """Mechanisms that would explain a remainder as well, and the d' each would leave.
 
-    Every other effect of the library is given the same d' and its remainder is subtracted in
-    the best proportion, 0 to 2; what it cannot remove is its d'.
+    Every effect of the library but those whose keys are in ``skip`` is given the same d', an
+    effect of the measuring chain in the channel that shows most of the remainder. Its own
+    remainder is subtracted in the best proportion, 0 to 2; what it cannot remove is its d'.
     """
     size = norm(left)
     found: dict[str, float] = {}
     if size < 1e-9:  # the baseline hides it completely: there is nothing to look like
         return found
+    telling = _telling_channel(freedom.scenario, left)
     for other in EFFECTS:
-        if other.family in ('outside', 'label') or other.key == skip.key:
+        if other.family in ('outside', 'label') or other.key in skip:
             continue
-        if not other.tunable or other.name == 'quantisation' or not other.fits(freedom.baseline):
+        if not other.tunable or other.name == 'quantisation' or not other.fits(freedom.scenario):
             continue
-        if other.name == 'gravity_load' and 'gravity_load' in freedom.baseline.baseline:
+        if other.name == 'gravity_load' and 'gravity_load' in freedom.scenario.baseline:
             continue
         for _ in range(2):
-            aux = other.setup(rng, freedom.baseline)
+            aux = _set_up(rng, other, freedom.scenario, telling)
             start = math.sqrt(other.low * other.high)
-            strength, reached = _search(freedom, other, aux, size, start, 0, trials=5, close=1.5)
-            if reached > 0:
-                turned = other.apply(freedom.baseline, strength, aux)
-                mine, reached = freedom.fitted(turned, refine=1)
-                along = sum(float(a @ b) for a, b in zip(left, mine, strict=True))
-                share = min(max(along / reached**2, 0.0), 2.0)
-                rest = math.sqrt(max(size**2 - 2 * share * along + (share * reached) ** 2, 0.0))
-                if rest < limit and rest < 0.5 * size:
-                    found[other.name] = min(rest, found.get(other.name, math.inf))
+            strength, _ = _search(freedom, other, aux, size, start, trials=5, close=1.5)
+            turned = other.apply(freedom.scenario, strength, aux)
+            for linear in (True, False):
+                mine, reached = freedom.fitted(turned, linear=linear)
+                rest = _without(left, mine, reached)
+                if rest > 0.7 * size:  # nothing like it: no need to look closer
+                    break
+            if rest < limit and rest < 0.5 * size:
+                found[other.name] = min(rest, found.get(other.name, math.inf))
             if not aux or set(aux) == {'sign'}:  # nothing else to try
                 break
     return dict(sorted(found.items(), key=lambda item: item[1]))
+
+
+def _without(left: Sequence[Array], mine: Sequence[Array], reached: float) -> float:
+    """Norm of a remainder without the best share, 0 to 2, of another of norm ``reached``."""
+    if reached == 0:
+        return norm(left)
+    along = sum(float(a @ b) for a, b in zip(left, mine, strict=True))
+    share = min(max(along / reached**2, 0.0), 2.0)
+    return math.sqrt(max(norm(left) ** 2 - 2 * share * along + (share * reached) ** 2, 0.0))
+
+
+def _telling_channel(scenario: Scenario, left: Sequence[Array]) -> str:
+    """The channel with most of a remainder."""
+    energy = dict.fromkeys(scenario.channels, 0.0)
+    for blow, values in zip(scenario.blows, left, strict=False):  # priors come last
+        begin = 0
+        for name in scenario.channels:
+            part = values[begin : begin + math.ceil(blow.duration * scenario.rates[name])]
+            energy[name] += float(part @ part)
+            begin += part.size
+    return max(energy, key=lambda name: energy[name])
+
+
+def _set_up(
+    rng: np.random.Generator, effect: Effect, scenario: Scenario, channel: str
+) -> Mapping[str, float | str]:
+    """What is drawn beside an effect's strength, in a given channel where it has one."""
+    for _ in range(_DRAWS):
+        aux = effect.setup(rng, scenario)
+        if aux.get('channel', channel) == channel:
+            break
+    return aux
 
 
 def _pair(rng: np.random.Generator, clean: Scenario, *, classes: bool) -> Concealed:
@@ -178,30 +213,24 @@ def _pair(rng: np.random.Generator, clean: Scenario, *, classes: bool) -> Concea
         aux = effect.setup(rng, baseline)
         strength, _ = solve_strength(freedom, effect, aux, target)
         turned.append((effect, strength, aux))
-    alone = [samples(effect.apply(baseline, strength, aux)) for effect, strength, aux in turned]
     truth = baseline
     for effect, strength, aux in turned:
         truth = effect.apply(truth, strength, aux)
-    both = samples(truth)
     parts = []
     confusable: dict[str, float] = {}
-    for (effect, strength, aux), other in zip(turned, alone[::-1], strict=True):
-        left = freedom.remainder([a - b for a, b in zip(both, other, strict=True)])
-        beside = _beside(
-            left, freedom.remainder([a - b for a, b in zip(other, freedom.reference, strict=True)])
-        )
-        parts.append(_part(effect, strength, aux, beside))
-        if classes and beside >= 1:
-            confusable |= alternatives(rng, freedom, left, skip=effect)
+    for (effect, strength, aux), other in zip(turned, turned[::-1], strict=True):
+        beside = Freedom(baseline, _applied(*other))
+        left, reached = beside.fitted(truth)
+        parts.append(_part(effect, strength, aux, reached))
+        if classes and reached >= 1:
+            confusable |= alternatives(rng, beside, left, {effect.key, other[0].key})
     size = min(p.detectability for p in parts)
     return Concealed(baseline, truth, 'pair', tuple(parts), size, confusable)
 
 
-def _beside(left: Sequence[Array], other: Sequence[Array]) -> float:
-    """Norm of a remainder past what the strength of the other effect can imitate."""
-    along = sum(float(a @ b) for a, b in zip(left, other, strict=True))
-    size = norm(other)
-    return math.sqrt(max(norm(left) ** 2 - (along / size) ** 2, 0.0)) if size else norm(left)
+def _applied(effect: Effect, strength: float, aux: Mapping[str, float | str]) -> Companion:
+    """An effect as a companion of the baseline whose strength may be re-tuned with it."""
+    return lambda scenario, share: effect.apply(scenario, strength * share, aux)
 
 
 def _wanted(rng: np.random.Generator) -> float:
@@ -232,8 +261,8 @@ def _search(
     aux: Mapping[str, float | str],
     wanted: float,
     start: float,
-    refine: int,
     *,
+    linear: bool = True,
     trials: int = 14,
     close: float = 1.05,
 ) -> tuple[float, float]:
@@ -245,7 +274,7 @@ def _search(
     best = (math.inf, math.exp(at), 0.0)
     for _ in range(trials):
         size = freedom.detectability(
-            chosen.apply(freedom.baseline, math.exp(at), aux), refine=refine
+            chosen.apply(freedom.scenario, math.exp(at), aux), linear=linear
         )
         level = math.log(max(size, 1e-9))
         miss = abs(level - math.log(wanted))
@@ -276,7 +305,7 @@ def _quantisation(
     freedom: Freedom, aux: Mapping[str, float | str], wanted: float
 ) -> tuple[float, float]:
     """Steps act as further noise: d' from the rise of the variance, step²/12."""
-    scenario, name = freedom.baseline, str(aux['channel'])
+    scenario, name = freedom.scenario, str(aux['channel'])
     count = sum(math.ceil(b.duration * scenario.rates[name]) for b in scenario.blows)
     rise = wanted / math.sqrt(count / 2)
     return scenario.noise[name] * math.sqrt(12 * rise), wanted

@@ -21,7 +21,7 @@ def evidence_map(concealed: Concealed) -> dict[str, dict[str, dict[str, float]]]
     out.
     """
     freedom = Freedom(concealed.stated)
-    parts, _ = freedom.fitted(concealed.truth, refine=2)
+    parts, _ = freedom.fitted(concealed.truth)
     left = parts[:-1]
     total = sum(float(part @ part) for part in left)
     result: dict[str, dict[str, dict[str, float]]] = {}
