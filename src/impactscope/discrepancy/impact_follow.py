@@ -24,6 +24,7 @@ from impactscope.physics.twin.simulate import SimulationError
 __all__ = [
     'fit_baseline',
     'follow',
+    'followed',
     'further_misfit',
     'held_out_fit',
     'place',
@@ -39,7 +40,11 @@ _CONTACT_STIFFNESSES = (1e7, 2.5e7, 6e7, 1.5e8, 5e8, 2e9, 1e10)  # N/m^1.5
 _BOUNCES = (0.8, 0.5, 0.25)
 _CONTACTS = 3  # of the starts for a bare contact, so many are fitted
 _SHORT = (0.004, 0.007, 0.012)  # s after the onset
-_GROWTH = (0.02, 0.03, 0.04, 0.055, 0.08, 0.12, 0.2, 0.35)  # s after the onset
+_GROWTH = (0.02, 0.03, 0.04, 0.055, 0.08, 0.12, 0.2, 0.35, 0.6, 1.0, 1.7)  # s after the onset
+_ROUGH = 1.1  # growth of the reduced chi-square from which a nearer window is tried
+_SOUND = 1.5  # reduced chi-square up to which that is worth while
+_FINEST = 1.08  # ratio of windows that are next to each other
+_TRIES = 14
 _FOLLOWED = 4.0  # growth of the reduced chi-square up to which a longer window is followed
 _SETTLED = 0.02  # of chi-square
 _TIME_SHIFTS = (-4e-3, -2e-3, -1e-3, *np.arange(-5e-4, 2.1e-4, 5e-5).tolist())  # s
@@ -62,16 +67,49 @@ def follow(found: Fit, until: float = math.inf) -> Fit:
     For as long as the fit follows: where the misfit jumps, because a later contact amplifies what
     the model lacks, the fit of the window before stands.
     """
-    model, blows = found.model, found.layout.blows
-    windows = [w for w in _GROWTH if w < until]
-    for window in (*windows, until):
-        model = with_repeatability(model, found.x, blows)
+    return followed(found, _SHORT[-1], until)[0]
+
+
+def followed(
+    found: Fit, reached: float, until: float = math.inf, *, renew: bool = True
+) -> tuple[Fit, float]:
+    """See `follow`; and the window, s, that was reached: ``until`` where it went to the end.
+
+    Dozens of bounces can follow a blow. Where a longer window is not fitted as well as the one
+    before, a nearer one is tried first, from which the fit may find the way. ``reached``: window
+    of the fit to start from. ``renew``: what no bench repeats is estimated anew on the way.
+    """
+    blows = found.layout.blows
+    longest = _longest(found.model, blows)
+    ahead = [w for w in _GROWTH if reached < w < min(until, longest)]
+    ahead.append(until)
+    tries = 0
+    while ahead:
+        window = ahead[0]
+        model = with_repeatability(found.model, found.x, blows) if renew else found.model
         settled = _SETTLED if window == until else 1.0
         grown = fit(model, model.layout(blows, window), found.x, iterations=12, settled=settled)
+        near = min(window, longest)
+        worse = grown.reduced > _ROUGH * max(found.reduced, 1.0)
+        if worse and found.reduced < _SOUND and near > _FINEST * reached and tries < _TRIES:
+            ahead.insert(0, math.sqrt(reached * near))
+            tries += 1
+            continue
         if grown.reduced > _FOLLOWED * max(found.reduced, 1.0):
             break
-        found = grown
-    return found
+        found, reached = grown, ahead.pop(0)
+    return found, reached
+
+
+def _longest(model: ImpactModel, blows: Sequence[int]) -> float:
+    """Time after the onset at which the last blow ends, s; taps do not count."""
+    ends = [
+        float(c.centres[-1]) - b.onset
+        for b in (model.data.blows[i] for i in blows)
+        if b.recording.kind != 'tap'
+        for c in b.channels.values()
+    ]
+    return max(ends, default=0.0)
 
 
 def held_out_fit(found: Fit, blows: Sequence[int], window: float = math.inf) -> Fit | None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,10 +25,17 @@ from impactscope.discrepancy.evidence import (
     least_gain,
 )
 from impactscope.discrepancy.impact_adequacy import Adequacy, adequacy
-from impactscope.discrepancy.impact_candidates import Candidate, candidates, stronger
-from impactscope.discrepancy.impact_fit import Fit, at_point, fit, jacobian, projector
-from impactscope.discrepancy.impact_follow import fit_baseline, further_misfit, held_out_fit
-from impactscope.discrepancy.impact_model import ImpactModel, Layout
+from impactscope.discrepancy.impact_candidates import Candidate, candidates
+from impactscope.discrepancy.impact_fit import Fit, at_point, fit
+from impactscope.discrepancy.impact_follow import (
+    fit_baseline,
+    followed,
+    further_misfit,
+    held_out_fit,
+    with_repeatability,
+)
+from impactscope.discrepancy.impact_model import Layout
+from impactscope.discrepancy.impact_workbench import Trial, Workbench
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
@@ -45,26 +52,15 @@ _JOINT = 6  # candidates that are fitted jointly in a step
 _AHEAD = 3  # candidates that are fitted jointly where only the way is sought
 _BEAM = 2  # first steps that are followed when none explains the recordings
 _QUIET = 1.15  # reduced chi-square below which a short window holds nothing to look for
-_JUMP = 8.0  # reduced chi-square from which a shorter window is looked at first
+_FIRST = 0.012  # s after the onset from which fits grow
+_BEYOND = 1.15  # ratio of the window in which is looked to the one that was reached
+_DETOURS = 3
 _LOST = 2.0  # reduced chi-square above which a longer window tells nothing more
 _TELLING = 4.0  # ratio of reduced chi-squares from which a structure is another
 _DOUBTED = 5  # candidates that are looked at again where what is left is no noise
 _LEAST_GAIN = 9.0  # of chi-square, of such a candidate
 _SOUND = 10.0  # times the chance from which what is left is no noise
-_FELT = 15.0  # norm of the change by an effect that is weak
-_WEAKER = 4  # times that a trial is made weaker
-_STARTS = 3  # of a candidate that are refined
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Trial:
-    """A candidate tried at a model: estimated fall of chi-square and where to start a fit."""
-
-    candidate: Candidate
-    gain: float
-    model: ImpactModel
-    x: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,18 +112,22 @@ class Search:
         current, outcome = self._structure(baseline)
         baseline = outcome.baseline
         sound: Fit | None = None  # the last fit that a window was content with
-        waiting = list(self.windows)
+        waiting, reached, detours = list(self.windows), _FIRST, _DETOURS
+        current = fit(current.model, _up_to(current, reached), current.x)
         while waiting:
             window = waiting.pop(0)
-            last = not waiting
             self.progress(self._share(window), f'up to {window:g} s')
-            layout = current.model.layout(current.model.data.fitted, window)
-            tried = fit(current.model, layout, current.x)
-            closer = _between(sound, window)
-            if tried.reduced > _JUMP and closer is not None:
-                waiting[:0] = [closer, window]  # look where the misfit has only begun
-                continue
-            current = tried
+            current = _renewed(current, outcome)
+            grown, until = _grown(current, reached, window)
+            if until < window and detours:
+                # look where the misfit has only begun
+                detours -= 1
+                waiting.insert(0, window)
+                sound, window = grown, _BEYOND * until
+            current = grown
+            if until < window:
+                current = fit(grown.model, _up_to(grown, window), grown.x)
+            last, reached = not waiting, window
             outcome.window = window
             if current.reduced > _QUIET and outcome.accepted:
                 current = self._reconsider(current, outcome, sound)
@@ -140,11 +140,23 @@ class Search:
         self._backward(outcome)
         if outcome.final is not doubted:
             outcome.tests = None
-        if outcome.final.model is not baseline.model:
-            outcome.baseline = fit(baseline.model, outcome.final.layout, baseline.x, iterations=8)
-        else:
-            outcome.baseline = outcome.final
+        self._bare(outcome)
         return outcome
+
+    def _bare(self, outcome: Outcome) -> None:
+        """The baseline over the final window; what it can do as well without is no finding."""
+        final = outcome.final
+        outcome.baseline = self._with(outcome, [], final.layout)
+        if not outcome.accepted:
+            return
+        gain = (outcome.baseline.chi_square - final.chi_square) / max(1.0, final.reduced)
+        cost = sum(c.cost for c in outcome.accepted)
+        chance = family_p_value(gain, cost, outcome.looks)
+        structural = any(not c.free for c in outcome.accepted)
+        if chance > self.thresholds.false_finding and not structural and not outcome.doubted:
+            outcome.accepted.clear()
+            outcome.final, outcome.tests = outcome.baseline, None
+            outcome.p_value = chance
 
     def _structure(self, baseline: Fit) -> tuple[Fit, Outcome]:
         """A baseline that cannot follow the recordings, with another structure from the start.
@@ -260,7 +272,7 @@ class Search:
 
     def _restarted(self, without: Fit, candidate: Candidate, looks: int) -> list[Found]:
         """A candidate fitted jointly from each of its starts."""
-        workbench = _Workbench(without)
+        workbench = Workbench(without)
         found = []
         for start in candidate.starts[:6]:
             model = candidate.extend(without.model)
@@ -291,7 +303,7 @@ class Search:
         """
         listed = candidates(current, self.baseline_names)
         place = current
-        if sound is not None and sound.model is current.model and current.reduced > _LOST:
+        if sound is not None and sound.x.size == current.x.size and current.reduced > _LOST:
             place = at_point(current.model, current.layout, sound.x)
         trials = self.order(place, listed)
         found = self.judge(current, trials, len(listed), most or _JOINT)
@@ -301,7 +313,7 @@ class Search:
         """Weigh again where a candidate only showed the way to a better fit without it."""
         best = current
         for item in found[:2]:
-            if item.fit.reduced > 1.5 or item.gain > 1e4:
+            if item.fit.reduced > 1.5:
                 continue
             if item.p_value > self.thresholds.false_finding:
                 continue
@@ -317,7 +329,7 @@ class Search:
 
     def order(self, current: Fit, listed: Sequence[Candidate]) -> list[Trial]:
         """Every candidate tried, the most promising first."""
-        workbench = _Workbench(current)
+        workbench = Workbench(current)
         tried = [found for c in listed if (found := workbench.best(c))]
         tried.sort(key=lambda found: found[0].gain, reverse=True)
         top = [
@@ -483,20 +495,24 @@ class Search:
         return min(fits, key=lambda f: f.chi_square)
 
 
-def _between(sound: Fit | None, window: float) -> float | None:
-    """A window between the last sound one and the next; None where they are close already."""
-    if sound is None:
-        return None
-    reached = max(
-        float(c.centres[sound.layout.masks[i, n]][-1]) - sound.model.data.blows[i].onset
-        for i in sound.layout.blows
-        for n, c in sound.model.data.blows[i].channels.items()
-        if sound.model.data.blows[i].recording.kind != 'tap' and sound.layout.masks[i, n].any()
-    ) if any(b.recording.kind != 'tap' for b in sound.model.data.blows) else math.inf  # fmt: skip
-    end = min(window, 0.5)
-    if not end > 1.15 * reached:
-        return None
-    return math.sqrt(reached * end)
+def _up_to(found: Fit, window: float) -> Layout:
+    return found.model.layout(found.layout.blows, window)
+
+
+def _grown(current: Fit, reached: float, window: float) -> tuple[Fit, float]:
+    """A fit extended to a longer window, and the window to which it could be followed."""
+    direct = fit(current.model, _up_to(current, window), current.x)
+    if direct.reduced < _QUIET * max(1.0, current.reduced):
+        return direct, window
+    return followed(current, reached, window, renew=False)
+
+
+def _renewed(current: Fit, outcome: Outcome) -> Fit:
+    """What no bench repeats estimated anew, for a fit and for the baseline beside it."""
+    model = with_repeatability(current.model, current.x, current.layout.blows)
+    base = dataclasses.replace(outcome.baseline.model, data=model.data)
+    outcome.baseline = dataclasses.replace(outcome.baseline, model=base)
+    return dataclasses.replace(current, model=model)
 
 
 def _everywhere(joint: Fit, current: Fit) -> bool:
@@ -521,187 +537,3 @@ def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
     gain = (current.chi_square - joint.chi_square) / spread
     criterion = information(-gain, candidate.cost, joint.layout.size)
     return Found(candidate, joint, gain, family_p_value(gain, candidate.cost, looks), criterion)
-
-
-class _Workbench:
-    """Candidates tried at a fitted model, with everything it can re-tune projected out."""
-
-    def __init__(self, current: Fit) -> None:
-        self.current = current
-        self.basis = projector(current.jacobian)
-        self.residual = self._out(current.residuals)
-        self.power = float(self.residual @ self.residual)
-        self.keys = [f.key for f in current.model.free]
-        jac = current.jacobian
-        scale = np.linalg.norm(jac, axis=0)
-        self.scale = np.where(scale > 0, scale, 1.0)
-        self.normal = (jac / self.scale).T @ (jac / self.scale)
-        self.slope = (jac / self.scale).T @ current.residuals
-
-    def _out(self, vector: Array) -> Array:
-        return vector - self.basis @ (self.basis.T @ vector)
-
-    def _aligned(self, model: ImpactModel, residuals: Array) -> Array:
-        """Residuals of an extended model in the order of the current one's."""
-        size = self.current.layout.size
-        out = np.zeros(size + len(self.keys))
-        out[:size] = residuals[:size]
-        place = {f.key: j for j, f in enumerate(model.free)}
-        for j, key in enumerate(self.keys):
-            out[size + j] = residuals[size + place[key]]
-        return out
-
-    def best(self, candidate: Candidate) -> list[Trial]:
-        """The best of a candidate's starts, each simulated, the best first."""
-        if any(f.key in self.keys for f in candidate.free):
-            return [self._released(candidate)]
-        tried = [t for s in candidate.starts if (t := self._tried(candidate, s)) is not None]
-        tried.sort(key=lambda t: t.gain, reverse=True)
-        return tried[:_STARTS]
-
-    def vector(self, model: ImpactModel, start: Mapping[str, float]) -> Array:
-        known = self.current.values
-        return np.array(
-            [f.to_inner(start.get(f.key, known.get(f.key, f.start))) for f in model.free]
-        )
-
-    def _left(self, model: ImpactModel, x: Array) -> Array:
-        """What the fitted numbers cannot re-tune of the residuals of an extended model."""
-        return self._out(self._aligned(model, model.residuals(x, self.current.layout)))
-
-    def _tried(self, candidate: Candidate, start: Mapping[str, float]) -> Trial | None:
-        model = candidate.extend(self.current.model)
-        x = self.vector(model, start)
-        if len(candidate.free) > 4:  # a number for each blow: linear
-            return self.refined(Trial(candidate, 0.0, model, x), 1)
-        try:
-            left = self._left(model, x)
-        except ImpactscopeError:
-            return None
-        gain = self.power - float(left @ left)
-        if not candidate.amplitudes:
-            return Trial(candidate, gain, model, x)
-        effect = float(np.linalg.norm(left - self.residual))
-        for _ in range(_WEAKER):  # a strong trial says nothing of a weak effect
-            if effect < _FELT:
-                break
-            weaker = stronger(candidate, start, 0.5 * _FELT / effect)
-            try:
-                changed = self._left(model, self.vector(model, weaker))
-            except ImpactscopeError:
-                break
-            start, left = weaker, changed
-            gain = max(gain, self.power - float(left @ left))
-            effect = float(np.linalg.norm(left - self.residual))
-        factor, linear = self._factor(left)
-        if factor < 0.0 and self._one_sided(candidate, start):
-            return Trial(candidate, min(gain, 0.0), model, self.vector(model, start))
-        factor = float(np.clip(factor, -30.0, 30.0))
-        x = self.vector(model, stronger(candidate, start, factor))
-        return Trial(candidate, max(gain, linear), model, x)
-
-    def _factor(self, left: Array) -> tuple[float, float]:
-        """By how much an effect must be scaled to fit best, and what it then gains; linear."""
-        effect = left - self.residual
-        size = float(effect @ effect)
-        if size < 1e-12:
-            return 1.0, 0.0
-        match = -float(effect @ self.residual)
-        return match / size, match * match / size
-
-    @staticmethod
-    def _one_sided(candidate: Candidate, start: Mapping[str, float]) -> bool:
-        if math.inf in candidate.amplitudes.values():
-            return True
-        return any(
-            f.key in candidate.amplitudes
-            and (f.lower == candidate.amplitudes[f.key] or f.upper == candidate.amplitudes[f.key])
-            for f in candidate.free
-            if f.key in start
-        )
-
-    def scaled(self, trial: Trial, rounds: int = 3) -> Trial:
-        """A trial with its strength brought to where it fits best, by simulation."""
-        candidate = trial.candidate
-        if (
-            not candidate.amplitudes
-            or len(candidate.free) > 4
-            or candidate.free[0].key in self.keys
-        ):
-            return trial
-        model, x = trial.model, trial.x
-        best: Trial | None = None
-        for _ in range(rounds):
-            try:
-                left = self._left(model, x)
-            except ImpactscopeError:
-                break
-            gain = self.power - float(left @ left)
-            if best is None or gain > best.gain:
-                best = Trial(candidate, gain, model, x)
-            factor, _ = self._factor(left)
-            if abs(factor - 1.0) < 0.15 or not math.isfinite(factor):
-                break
-            values = model.values(x)
-            start = {f.key: values[f.key] for f in candidate.free}
-            x = self.vector(model, stronger(candidate, start, float(np.clip(factor, 0.05, 10))))
-        return best or trial
-
-    def _released(self, candidate: Candidate) -> Trial:
-        """A number whose prior is let go: in the linear approximation, in closed form."""
-        model = candidate.extend(self.current.model)
-        j = self.keys.index(candidate.free[0].key)
-        row = self.current.layout.size + j
-        a = np.zeros(len(self.keys))
-        a[j] = self.current.jacobian[row, j] / self.scale[j]
-        normal = self.normal - np.outer(a, a)
-        slope = self.slope - a * self.current.residuals[row]
-        step = np.linalg.lstsq(normal, slope, rcond=1e-12)[0]
-        residuals = self.current.residuals
-        before = float(residuals @ residuals)
-        after = before - float(residuals[row]) ** 2 - float(slope @ step)
-        gain = self.power - after
-        known = dict(zip(self.keys, self.current.x - step / self.scale, strict=True))
-        x = np.array([known[f.key] for f in model.free])
-        lower, upper = model.bounds()
-        return Trial(candidate, gain, model, np.clip(x, lower, upper))
-
-    def refined(self, trial: Trial, iterations: int = 2) -> Trial:
-        """A trial with its own numbers adjusted, the others re-tuned in linear approximation."""
-        new = [j for j, f in enumerate(trial.model.free) if f.key not in self.keys]
-        if not new:
-            return trial
-        layout, model, x = self.current.layout, trial.model, trial.x.copy()
-        lower, upper = model.bounds()
-        try:
-            residuals = model.residuals(x, layout)
-            left = self._out(self._aligned(model, residuals))
-            cost = float(left @ left)
-            for _ in range(iterations):
-                slopes = jacobian(model, x, layout, residuals, only=new)[:, new]
-                columns = np.stack(
-                    [self._out(self._aligned(model, slopes[:, k])) for k in range(len(new))], 1
-                )
-                scale = np.linalg.norm(columns, axis=0)
-                scale[scale == 0.0] = 1.0
-                step = -np.linalg.lstsq(columns / scale, left, rcond=1e-6)[0] / scale
-                accepted = False
-                for share in (1.0, 0.3, 0.1):
-                    moved = x.copy()
-                    moved[new] = np.clip(x[new] + share * step, lower[new], upper[new])
-                    trial_residuals = model.residuals(moved, layout)
-                    out = self._out(self._aligned(model, trial_residuals))
-                    moved_cost = float(out @ out)
-                    if moved_cost < cost - 0.01:
-                        accepted = True
-                        break
-                if not accepted:
-                    break
-                fallen = cost - moved_cost
-                x, residuals, left, cost = moved, trial_residuals, out, moved_cost
-                if fallen < 0.02 * max(self.power - cost, 1.0):
-                    break
-        except ImpactscopeError:
-            return trial
-        gain = self.power - cost
-        return Trial(trial.candidate, gain, model, x) if gain >= trial.gain else trial
