@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from impactscope.recordings import RecordingWriter
 from impactscope.records import NANOSECONDS, SampleBlock
 
-from .measurement import HAMMER, measure
+from .measurement import INPUTS, measure
 from .scenario import Blow, Scenario
 
 __all__ = ['campaign_file', 'write_campaign']
@@ -20,7 +20,7 @@ __all__ = ['campaign_file', 'write_campaign']
 Array = NDArray[np.float64]
 
 BLOCK_SECONDS = 0.05
-_UNITS = {'force': 'N', 'acceleration': 'm/s^2'}
+_UNITS = {'force': 'N', 'acceleration': 'm/s^2', 'displacement': 'm'}
 
 
 def write_campaign(
@@ -47,11 +47,11 @@ def write_campaign(
 
 def campaign_file(stated: Scenario) -> dict[str, object]:
     """The content of ``campaign.yaml``; not a word of what is concealed."""
-    if stated.kind == 'driven':
+    if stated.kind in INPUTS:
         return {
             'version': 1,
-            'bench': {'kind': 'driven', 'input': HAMMER, 'outputs': list(stated.channels)},
-            'model': {'modes': 1},
+            'bench': _given_bench(stated),
+            **({'model': {'modes': 1}} if stated.kind == 'driven' else {}),
             'baseline': list(stated.baseline),
             'recordings': [
                 {'file': _file_name(i), 'role': blow.role} for i, blow in enumerate(stated.blows)
@@ -83,6 +83,15 @@ def campaign_file(stated: Scenario) -> dict[str, object]:
     }
 
 
+def _given_bench(stated: Scenario) -> dict[str, object]:
+    given, outputs = INPUTS[stated.kind], list(stated.channels)
+    if stated.kind == 'driven':
+        return {'kind': 'driven', 'input': given, 'outputs': outputs}
+    if stated.kind == 'prescribed':
+        return {'kind': 'prescribed_motion', 'motion': given, 'output': outputs[0]}
+    return {'kind': 'chain', 'input': given, 'output': outputs[0]}
+
+
 def _file_name(index: int) -> str:
     return f'recording_{index:02d}.mcap'
 
@@ -102,8 +111,8 @@ def _write_recording(
     path: Path, blow: Blow, truth: Scenario, moment: int, rng: np.random.Generator
 ) -> None:
     rates = {**truth.rates}
-    if truth.kind == 'driven':
-        rates[HAMMER] = max(truth.rates.values())
+    if truth.kind in INPUTS:
+        rates[INPUTS[truth.kind]] = max(truth.rates.values())
     blocks = []
     for name, values in measure(blow, truth, rng).items():
         size = math.ceil(BLOCK_SECONDS * rates[name])

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from .bench import BENCH, Pendulum, Pulse
+from .bench import BENCH, Bench, Pendulum, Pulse
+from .given_course import Wave
 from .integrator import COLUMNS, integrate
-from .measurement import HAMMER, REPEATABLE
+from .measurement import INPUTS, REPEATABLE
 from .scenario import Blow, Chain, Scenario, Sensor, impactor
 
 __all__ = ['draw_scenario']
@@ -20,8 +21,8 @@ _DISTANCES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)
 
 
 def draw_scenario(rng: np.random.Generator, kind: str = 'impact') -> Scenario:
-    """A clean campaign under random conditions; ``kind`` is 'impact' or 'driven'."""
-    return _driven(rng) if kind == 'driven' else _impact(rng)
+    """A clean campaign under random conditions; ``kind`` as of :class:`Scenario`."""
+    return _KINDS[kind](rng)
 
 
 def _impact(rng: np.random.Generator) -> Scenario:
@@ -142,7 +143,7 @@ def _driven(rng: np.random.Generator) -> Scenario:
     zeta = float(rng.uniform(0.01, 0.08))
     bench = BENCH._replace(mass=mass, stiffness=mass * omega**2, damping=2 * zeta * mass * omega)
     noise = {'acceleration.plate': float(10 ** rng.uniform(-1.3, -0.5))}
-    noise[HAMMER] = 0.02 * mass * noise['acceleration.plate']
+    noise[INPUTS['driven']] = 0.02 * mass * noise['acceleration.plate']
     blows = []
     for i in range(count):
         start = float(rng.uniform(0.1, 0.3))
@@ -170,3 +171,93 @@ def _driven(rng: np.random.Generator) -> Scenario:
         {'acceleration.plate': Chain()},
         ('linear_sensor',),
     )
+
+
+def _prescribed(rng: np.random.Generator) -> Scenario:
+    """A damper or a spring in a testing machine: sines, two sines, sweeps."""
+    count = int(rng.integers(4, 9))
+    rate = float(rng.choice([1000, 2000, 5000]))
+    stiffness = float(10 ** rng.uniform(3.0, 5.0))
+    typical = 2 * math.pi * 3.0  # rad/s
+    damping = float(10 ** rng.uniform(-1.0, 0.3)) * stiffness / typical
+    bench = BENCH._replace(stiffness=stiffness, damping=damping)
+    reach = float(10 ** rng.uniform(-2.7, -1.7))  # m
+    noise = {'force.damper': float(10 ** rng.uniform(-3.3, -2.5)) * stiffness * reach}
+    noise[INPUTS['prescribed']] = 0.05 * noise['force.damper'] / stiffness
+    blows = []
+    for i in range(count):
+        start = float(rng.uniform(0.1, 0.2))
+        duration = start + float(rng.uniform(1.0, 3.0))
+        size = reach * float(rng.uniform(0.3, 1.0))
+        first = Wave(size, float(rng.uniform(0.7, 8.0)), start, rise=0.1)
+        kind = rng.integers(3)
+        waves: tuple[Wave, ...] = (first,)
+        if kind == 1:
+            other = Wave(0.4 * size, float(rng.uniform(4.0, 12.0)), start, rise=0.1)
+            waves = (first._replace(amplitude=0.6 * size), other)
+        elif kind == 2:
+            waves = (first._replace(frequency=0.5, glide=float(rng.uniform(2.0, 5.0))),)
+        blows.append(_given('prescribed', bench, start, duration, i >= count - 2, waves, rng))
+    return Scenario(
+        'prescribed',
+        'horizontal',
+        tuple(blows),
+        {'force.damper': rate},
+        noise,
+        {'force.damper': Chain()},
+        ('linear_spring_damper',),
+    )
+
+
+def _chain(rng: np.random.Generator) -> Scenario:
+    """Blows seen by two channels of a measuring chain."""
+    count = int(rng.integers(4, 9))
+    rate = float(rng.choice([2000, 5000, 10000]))
+    noise = {'acceleration.processed': float(10 ** rng.uniform(-1.3, -0.3))}
+    noise[INPUTS['chain']] = 0.05 * noise['acceleration.processed']
+    blows = []
+    for i in range(count):
+        start = float(rng.uniform(0.1, 0.3))
+        duration = start + float(rng.uniform(0.6, 1.5))
+        waves = tuple(
+            Wave(
+                float(10 ** rng.uniform(0.5, 2.0)),
+                float(10 ** rng.uniform(1.3, 2.7)),
+                start + float(rng.uniform(0.0, 0.3)),
+                decay=float(10 ** rng.uniform(0.7, 1.8)),
+                rise=0.002,
+            )
+            for _ in range(int(rng.integers(2, 6)))
+        )
+        blows.append(_given('chain', BENCH, start, duration, i >= count - 2, waves, rng))
+    return Scenario(
+        'chain',
+        'horizontal',
+        tuple(blows),
+        {'acceleration.processed': rate},
+        noise,
+        {'acceleration.processed': Chain()},
+        (),
+    )
+
+
+def _given(
+    kind: str,
+    bench: Bench,
+    start: float,
+    duration: float,
+    held: bool,
+    waves: tuple[Wave, ...],
+    rng: np.random.Generator,
+) -> Blow:
+    role = 'hold_out' if held else 'fit'
+    phase = float(rng.uniform(0, 2 * np.pi))
+    return Blow(kind, bench, start, duration, role, waves=waves, hum_phase=phase)
+
+
+_KINDS: Mapping[str, Callable[[np.random.Generator], Scenario]] = {
+    'impact': _impact,
+    'driven': _driven,
+    'prescribed': _prescribed,
+    'chain': _chain,
+}

@@ -67,6 +67,8 @@ class _Slopes:
     def step(self, left: Sequence[Array], change: Array, damping: float = 0.0) -> Array:
         """Change of the knobs that removes most of ``left``, damped after Marquardt."""
         n = self.prior.size
+        if n == 0:
+            return np.empty(0)
         normal, pull = np.zeros((n, n)), -self.prior * change
         for d, (block, own) in zip(left, self.blocks, strict=True):
             normal[np.ix_(own, own)] += block.T @ block
@@ -207,8 +209,10 @@ class Freedom:
         blocks = []
         for index in range(len(self.baseline.blows)):
             own = [i for i, k in enumerate(self.knobs) if k.blow in (-1, index)]
-            columns = [self._sensitivity(i, index, change, tuned[index]) for i in own]
-            blocks.append((np.stack(columns, axis=1), own))
+            block = np.empty((tuned[index].size, len(own)))
+            for column, knob in enumerate(own):
+                block[:, column] = self._sensitivity(knob, index, change, tuned[index])
+            blocks.append((block, own))
         return _Slopes(blocks, self._prior)
 
     def _sensitivity(self, knob: int, blow: int, change: Array, tuned: Array) -> Array:
@@ -267,7 +271,11 @@ def _knobs(scenario: Scenario) -> list[Knob]:
     sensor = scenario.sensor
     stated = scenario.kind == 'impact'
     loose = sensor.stiffness_std / sensor.stiffness if stated else np.inf
-    knobs = [Knob('stiffness', 1e-4, loose), Knob('mass', 1e-4), Knob('damping', 1e-3)]
+    knobs = []
+    if scenario.kind != 'chain':
+        knobs += [Knob('stiffness', 1e-4, loose), Knob('damping', 1e-3)]
+    if scenario.kind in ('impact', 'driven'):
+        knobs.append(Knob('mass', 1e-4))
     if any(b.bench.hertz_stiffness > 0 for b in scenario.blows):
         knobs += [Knob('hertz_stiffness', 1e-4), Knob('hertz_damping', 1e-3)]
     knobs += [
@@ -276,7 +284,7 @@ def _knobs(scenario: Scenario) -> list[Knob]:
         if name in scenario.gain_std
     ]
     for i, blow in enumerate(scenario.blows):
-        if blow.kind == 'driven':
+        if blow.kind not in ('tap', 'pendulum'):
             continue  # input and output are on one clock
         knobs.append(Knob('start', 1e-7, blow=i))
         if blow.kind == 'tap':

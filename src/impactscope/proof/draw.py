@@ -17,6 +17,7 @@ from .scenario import Scenario
 __all__ = [
     'CATEGORIES',
     'CONFUSABLE',
+    'KINDS',
     'Concealed',
     'Part',
     'alternatives',
@@ -34,6 +35,8 @@ CATEGORIES: Mapping[str, float] = {
     'parameter': 0.09,
     'label': 0.07,
 }
+KINDS: Mapping[str, float] = {'impact': 0.7, 'driven': 0.12, 'prescribed': 0.09, 'chain': 0.09}
+_POSSIBLE = {'parameter': ('impact', 'chain'), 'label': ('impact',)}  # where numbers are stated
 WEAKEST, STRONGEST = 0.3, 100.0  # d'
 _DRAWS = 30  # until the wanted channel comes; some effects are of one channel only
 CONFUSABLE = 2.0  # an alternative that leaves less than this d' cannot be ruled out
@@ -75,15 +78,16 @@ def draw(
     Args:
         rng: the only source of chance.
         category: one of ``CATEGORIES``; None: drawn.
-        kind: 'impact' or 'driven'; None: drawn, one in six driven.
+        kind: of the campaign, as of ``KINDS``; None: drawn.
         classes: whether to find what the data cannot tell from the truth (takes longest).
     """
     if category is None:
         weights = np.array(list(CATEGORIES.values()))
         category = str(rng.choice(list(CATEGORIES), p=weights / weights.sum()))
     if kind is None:
-        drivable = category not in ('parameter', 'label')
-        kind = 'driven' if drivable and rng.random() < 1 / 6 else 'impact'
+        kinds = {k: KINDS[k] for k in _POSSIBLE.get(category, KINDS)}
+        weights = np.array(list(kinds.values()))
+        kind = str(rng.choice(list(kinds), p=weights / weights.sum()))
     clean = draw_scenario(rng, kind)
     if category == 'clean':
         return Concealed(clean, clean, category)
@@ -201,7 +205,9 @@ def _pair(rng: np.random.Generator, clean: Scenario, *, classes: bool) -> Concea
     first = _choose(rng, clean, 'library', tunable=True)
     while True:
         second = _choose(rng, clean, 'library', tunable=True)
-        if second.subsystem != first.subsystem and 'quantisation' not in (first.name, second.name):
+        apart = second.subsystem != first.subsystem
+        apart |= clean.kind == 'chain' and second.name != first.name
+        if apart and 'quantisation' not in (first.name, second.name):
             break
         if first.name == 'quantisation':
             first = _choose(rng, clean, 'library', tunable=True)

@@ -10,7 +10,16 @@ import numpy as np
 from .measurement import noise_free
 from .scenario import Scenario
 
-__all__ = ['Aux', 'Effect', 'always', 'bench_effect', 'largest', 'struck', 'with_layer']
+__all__ = [
+    'Aux',
+    'Effect',
+    'always',
+    'bench_effect',
+    'largest',
+    'mechanical',
+    'struck',
+    'with_layer',
+]
 
 Aux = Mapping[str, float | str]
 Drawn = dict[str, float | str]
@@ -21,6 +30,11 @@ Recipe = Mapping[str, float | str]
 def always(_scenario: Scenario) -> bool:
     """Fits every campaign."""
     return True
+
+
+def mechanical(scenario: Scenario) -> bool:
+    """Whether anything moves in this campaign."""
+    return scenario.kind != 'chain'
 
 
 def struck(scenario: Scenario) -> bool:
@@ -90,7 +104,7 @@ def bench_effect(
     span: tuple[float, float],
     *,
     setup: Setup = _nothing,
-    fits: Callable[[Scenario], bool] = always,
+    fits: Callable[[Scenario], bool] = mechanical,
     family: str = 'library',
 ) -> Effect:
     """An effect that lives in fields of the bench.

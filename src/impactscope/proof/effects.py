@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .effect import Aux, Effect, bench_effect, largest
+from .effect import Aux, Effect, bench_effect, largest, mechanical
 from .effects_bench import BENCH_EFFECTS
 from .effects_chain import CHAIN_EFFECTS
 from .effects_wrong import WRONG_LABELS, WRONG_NUMBERS
@@ -45,6 +45,38 @@ def _weather_told(strength: float, _aux: Aux) -> Drawn:
     return {'share': strength}
 
 
+def _moves_freely(scenario: Scenario) -> bool:
+    return scenario.kind in ('impact', 'driven')
+
+
+def _bare(scenario: Scenario) -> bool:
+    return scenario.kind == 'chain'
+
+
+def _bent(scenario: Scenario, strength: float, _aux: Aux) -> Scenario:
+    return scenario.with_chain(scenario.channels[0], curvature=strength)
+
+
+def _bent_told(strength: float, _aux: Aux) -> Drawn:
+    return {'curvature': strength}
+
+
+def _resonance(rng: np.random.Generator, _scenario: Scenario) -> Drawn:
+    return {'frequency': float(10 ** rng.uniform(1.7, 2.6))}
+
+
+def _resonating(scenario: Scenario, strength: float, aux: Aux) -> Scenario:
+    return scenario.with_chain(
+        scenario.channels[0],
+        resonance=strength,
+        resonance_frequency=float(aux['frequency']),
+    )
+
+
+def _resonating_told(strength: float, aux: Aux) -> Drawn:
+    return {'share': strength, **aux}
+
+
 OUTSIDE: tuple[Effect, ...] = (
     bench_effect(
         'fractional_damping',
@@ -53,6 +85,7 @@ OUTSIDE: tuple[Effect, ...] = (
         {'coefficient': 1.0, 'order': 'order'},
         (1e-4, 3e3),
         setup=_order,
+        fits=_moves_freely,
         family='outside',
     ),
     bench_effect(
@@ -88,6 +121,28 @@ OUTSIDE: tuple[Effect, ...] = (
         0.1,
         _weather_told,
         setup=_weather,
+        fits=mechanical,
+        family='outside',
+    ),
+    Effect(
+        'curved_gain',
+        'unknown',
+        _bent,
+        1e-9,
+        0.1,
+        _bent_told,
+        fits=_bare,
+        family='outside',
+    ),
+    Effect(
+        'mounting_resonance',
+        'unknown',
+        _resonating,
+        1e-8,
+        0.5,
+        _resonating_told,
+        setup=_resonance,
+        fits=_bare,
         family='outside',
     ),
 )

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from .effect import Aux, Effect, bench_effect, largest, struck, with_layer
+from .measurement import input_channel
 from .scenario import Scenario
 
 __all__ = ['BENCH_EFFECTS']
@@ -27,8 +28,14 @@ def _has_force(scenario: Scenario) -> bool:
     return 'force' in scenario.channels
 
 
+def _known_travel(scenario: Scenario) -> bool:
+    return _has_force(scenario) or scenario.kind == 'prescribed'
+
+
 def _deepest(scenario: Scenario) -> float:
     """Largest compression of the spring, m (of a guess where the force is not recorded)."""
+    if scenario.kind == 'prescribed':
+        return max(float(input_channel(b, 1000.0).max()) for b in scenario.blows)
     peak = largest(scenario, 'force') if _has_force(scenario) else 250.0
     return peak / scenario.blows[0].bench.stiffness
 
@@ -163,7 +170,7 @@ BENCH_EFFECTS: tuple[Effect, ...] = (
         {'stiffness': 1.0, 'travel': 'travel'},
         (1.0, 1e7),
         setup=_travel,
-        fits=_has_force,
+        fits=_known_travel,
     ),
     bench_effect(
         'hysteresis',

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from .effect import Aux, Effect, cooked, largest
+from .measurement import INPUTS
 from .scenario import Scenario
 
 __all__ = ['CHAIN_EFFECTS']
@@ -61,10 +62,10 @@ def _clocks(strength: float, aux: Aux) -> tuple[float, float]:
 
 
 def _late(scenario: Scenario, strength: float, aux: Aux) -> Scenario:
-    """All accelerometers are on the device whose clock is wrong."""
+    """All channels but the force are on the device whose clock is wrong."""
     offset, drift = _clocks(strength, aux)
     for name in scenario.channels:
-        if name.startswith('acceleration'):
+        if name != 'force':
             scenario = scenario.with_chain(name, clock_offset=offset, clock_drift=drift)
     return scenario
 
@@ -75,7 +76,7 @@ def _late_told(strength: float, aux: Aux) -> Drawn:
 
 def _two_devices(scenario: Scenario) -> bool:
     names = set(scenario.channels)
-    return scenario.kind == 'driven' or {'force', 'acceleration.plate'} <= names
+    return scenario.kind in INPUTS or {'force', 'acceleration.plate'} <= names
 
 
 def _simple(

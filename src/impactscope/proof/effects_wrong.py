@@ -59,6 +59,14 @@ def _pendulum(name: str) -> Apply:
     return apply
 
 
+def _gain(scenario: Scenario, strength: float, aux: Aux) -> Scenario:
+    return scenario.with_chain(scenario.channels[0], gain=_factor(strength, aux))
+
+
+def _bare(scenario: Scenario) -> bool:
+    return scenario.kind == 'chain'
+
+
 def _which(rng: np.random.Generator, scenario: Scenario) -> Drawn:
     blows = [i for i, b in enumerate(scenario.blows) if b.kind == 'pendulum' and b.role == 'fit']
     return {'blow': int(rng.choice(blows)), 'sign': int(rng.choice([-1, 1]))}
@@ -136,6 +144,7 @@ WRONG_NUMBERS: tuple[Effect, ...] = (
     _wrong('pendulum.moving_mass', _pendulum('moving_mass'), struck),
     _wrong('pendulum.rod_mass', _pendulum('rod_mass'), struck),
     _wrong('pendulum.contact_distance', _pendulum('contact_distance'), struck),
+    _wrong('gain', _gain, _bare),
 )
 
 WRONG_LABELS: tuple[Effect, ...] = (

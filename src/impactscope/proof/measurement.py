@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
-from scipy.signal import butter, sosfilt, sosfiltfilt
+from scipy.signal import bilinear, butter, lfilter, sosfilt, sosfiltfilt
 
+from .given_course import course, device_force
 from .integrator import COLUMNS, integrate
 from .scenario import Blow, Chain, Scenario
 
-__all__ = ['HAMMER', 'REPEATABLE', 'hammer_force', 'measure', 'noise_free', 'whitened']
+__all__ = ['INPUTS', 'REPEATABLE', 'input_channel', 'measure', 'noise_free', 'whitened']
 
 Array = NDArray[np.float64]
 
-HAMMER = 'force.hammer'
+INPUTS = {  # what is recorded beside the responses, by kind of campaign
+    'driven': 'force.hammer',
+    'prescribed': 'displacement.piston',
+    'chain': 'acceleration.raw',
+}
 RELEASE = 0.01  # s, in which the pendulum is let go
 FINE_RATE = 40e3  # Hz at least, at which analogue filters are followed
 REPEATABLE = 1e-4  # of an impact speed: what no bench repeats and no two simulations agree on
@@ -35,15 +40,16 @@ def noise_free(blow: Blow, scenario: Scenario) -> dict[str, Array]:
     factors = {}
     for name in scenario.channels:
         chain, rate = scenario.chains[name], scenario.rates[name]
-        factors[name] = math.ceil(FINE_RATE / rate) if chain.cutoff or chain.corner else 1
+        factors[name] = (
+            math.ceil(FINE_RATE / rate) if chain.cutoff or chain.corner or chain.resonance else 1
+        )
         key = rate * factors[name], chain.clock_offset, chain.clock_drift
         groups.setdefault(key, []).append(name)
     result = {}
     for (rate, offset, drift), names in groups.items():
         stamps = np.arange(math.ceil(blow.duration * rate)) / rate
-        motion = _motion(blow, stamps + offset + drift * stamps - blow.start)
-        for name in names:
-            signal = motion[:, COLUMNS.index(name)]
+        signals = _signals(blow, stamps + offset + drift * stamps, names)
+        for name, signal in signals.items():
             coarse = _filtered(signal, scenario.chains[name], rate)[:: factors[name]]
             t = stamps[:: factors[name]]
             result[name] = _shifted(coarse, t, scenario.chains[name], blow.hum_phase)
@@ -51,7 +57,7 @@ def noise_free(blow: Blow, scenario: Scenario) -> dict[str, Array]:
 
 
 def measure(blow: Blow, scenario: Scenario, rng: np.random.Generator) -> dict[str, Array]:
-    """Samples with noise; in a driven campaign with the measured input in ``force.hammer``."""
+    """Samples with noise, with those of the input where one is measured."""
     result = {}
     for name, clean in noise_free(blow, scenario).items():
         chain = scenario.chains[name]
@@ -61,22 +67,36 @@ def measure(blow: Blow, scenario: Scenario, rng: np.random.Generator) -> dict[st
         if chain.step > 0:
             values = chain.step * np.round(values / chain.step)
         result[name] = values
-    if scenario.kind == 'driven':
-        rate = max(scenario.rates.values())
-        force = hammer_force(blow, rate)
-        result[HAMMER] = force + rng.normal(0, scenario.noise[HAMMER], force.size)
+    if scenario.kind in INPUTS:
+        name, rate = INPUTS[scenario.kind], max(scenario.rates.values())
+        given = input_channel(blow, rate)
+        result[name] = given + rng.normal(0, scenario.noise[name], given.size)
     return result
 
 
-def hammer_force(blow: Blow, rate: float) -> Array:
-    """The driving force at the samples of the recording, N."""
-    t = np.arange(math.ceil(blow.duration * rate)) / rate - blow.start
+def input_channel(blow: Blow, rate: float) -> Array:
+    """The driving force, the prescribed motion or the raw signal at a recording's samples."""
+    t = np.arange(math.ceil(blow.duration * rate)) / rate
+    if blow.kind != 'driven':
+        return course(blow.waves, t)[0]
+    t -= blow.start
     force = np.zeros(t.size)
     for pulse in blow.pulses:
         share = (t - pulse.start) / pulse.duration
         inside = (share > 0) & (share < 1)
         force[inside] += pulse.peak * np.sin(np.pi * share[inside]) ** pulse.power
     return force
+
+
+def _signals(blow: Blow, t: Array, names: Sequence[str]) -> dict[str, Array]:
+    """Quantities before their measuring chain, t in s after the begin of the recording."""
+    if blow.kind == 'chain':
+        value, _ = course(blow.waves, t)
+        return dict.fromkeys(names, value)
+    if blow.kind == 'prescribed':
+        return dict.fromkeys(names, device_force(blow.bench, t, *course(blow.waves, t)))
+    motion = _motion(blow, t - blow.start)
+    return {name: motion[:, COLUMNS.index(name)] for name in names}
 
 
 def _motion(blow: Blow, t: Array) -> Array:
@@ -106,13 +126,19 @@ def _filtered(signal: Array, chain: Chain, rate: float) -> Array:
         sections = butter(chain.order, chain.cutoff, fs=rate, output='sos')
         run: Callable[..., Array] = sosfiltfilt if chain.zero_phase else sosfilt
         signal = run(sections, signal)
+    if chain.resonance > 0:
+        omega = 2 * np.pi * chain.resonance_frequency
+        swing = bilinear([omega**2], [1.0, 0.06 * omega, omega**2], fs=rate)
+        signal = (1 - chain.resonance) * signal + chain.resonance * lfilter(*swing, signal)
     if chain.corner > 0:
         signal = sosfilt(butter(1, chain.corner, 'highpass', fs=rate, output='sos'), signal)
     return signal
 
 
 def _shifted(signal: Array, t: Array, chain: Chain, phase: float) -> Array:
-    values = chain.gain * signal + chain.offset + chain.drift * t
+    values = chain.gain * signal
+    values = values + chain.curvature * values * np.abs(values)
+    values = values + chain.offset + chain.drift * t
     if chain.hum != 0:
         values = values + chain.hum * np.sin(2 * np.pi * chain.hum_frequency * t + phase)
     if chain.limit > 0:

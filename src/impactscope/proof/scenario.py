@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from .bench import Bench, Pendulum, Pulse
+from .given_course import Wave
 
 __all__ = ['Blow', 'Chain', 'Scenario', 'Sensor', 'impactor']
 
@@ -14,7 +15,8 @@ __all__ = ['Blow', 'Chain', 'Scenario', 'Sensor', 'impactor']
 class Chain(NamedTuple):
     """What stands between a quantity and its samples, in this order; 0 is absent.
 
-    Low pass, AC coupling, gain, drift, offset, hum, (noise,) saturation, quantisation.
+    Low pass, resonance, AC coupling, gain, curvature, drift, offset, hum,
+    (noise,) saturation, quantisation.
     """
 
     gain: float = 1.0
@@ -30,6 +32,10 @@ class Chain(NamedTuple):
     step: float = 0.0  # unit of the channel
     clock_offset: float = 0.0  # s: a sample stamped t was taken at t + offset + drift t
     clock_drift: float = 0.0
+    # outside the library
+    curvature: float = 0.0  # 1 over the unit of the channel: v + curvature v |v|
+    resonance: float = 0.0  # share of the signal that passes a resonance first
+    resonance_frequency: float = 300.0  # Hz
 
 
 class Sensor(NamedTuple):
@@ -43,7 +49,7 @@ class Sensor(NamedTuple):
 class Blow:
     """One recording: what happens in it, and what the campaign file says of it."""
 
-    kind: str  # 'tap', 'pendulum' or 'driven'
+    kind: str  # 'tap', 'pendulum', 'driven', 'prescribed' or 'chain'
     bench: Bench
     start: float  # s from the begin of the recording to first contact
     duration: float  # s, of the recording
@@ -55,6 +61,7 @@ class Blow:
     angle_error_deg: float = 0.0  # true minus labelled: scatter, or a wrong label
     fall: float = 0.0  # s, from release to first contact
     hum_phase: float = 0.0  # rad
+    waves: tuple[Wave, ...] = ()  # the given course, times from the begin of the recording
 
     @property
     def excited_until(self) -> float:
@@ -68,7 +75,7 @@ class Blow:
 class Scenario:
     """A campaign: conditions, truth, channels and their noise."""
 
-    kind: str  # 'impact' or 'driven'
+    kind: str  # 'impact', 'driven', 'prescribed' or 'chain'
     orientation: str
     blows: tuple[Blow, ...]
     rates: Mapping[str, float]  # Hz by channel
