@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from impactscope.errors import ConfigurationError
 from impactscope.proof.bench import BENCH
 from impactscope.proof.conditions import draw_scenario
 from impactscope.proof.detectability import Freedom
@@ -89,3 +90,8 @@ def test_every_kind_of_campaign_can_conceal(kind, category):
     assert drawn.truth.kind == kind
     assert len(drawn.parts) == (2 if category == 'pair' else 1)
     assert drawn.detectability > 0
+
+
+def test_a_kind_without_labels_cannot_have_a_wrong_one():
+    with pytest.raises(ConfigurationError, match='chain'):
+        draw(np.random.default_rng(0), category='label', kind='chain')

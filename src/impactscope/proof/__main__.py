@@ -15,7 +15,7 @@ from impactscope.errors import ImpactscopeError
 
 from .bench_mujoco import FEATURES, simulate_mujoco
 from .confusion_picture import confusion_svg
-from .draw import CATEGORIES
+from .draw import CATEGORIES, KINDS
 from .examine import examine
 from .generate import SHORT, generate
 from .known_cases import Simulator, agreement, simulate
@@ -58,8 +58,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--jobs', type=int, default=2, help='at the same time')
     parser.add_argument('--short', action='store_true', help='a dozen campaigns of every kind')
     parser.add_argument(
-        '--only', choices=tuple(CATEGORIES), help='campaigns of one kind, as for 300 clean ones'
+        '--only', choices=tuple(CATEGORIES), help='one category, as for 300 clean ones'
     )
+    parser.add_argument('--kind', choices=tuple(KINDS), help='of every campaign; default: drawn')
     parser.add_argument('--no-classes', action='store_true', help='do not search look-alikes')
     parser.add_argument('--no-peers', action='store_true', help='leave the simple methods out')
     parser.add_argument('--output', type=Path, default=Path('out/proof'))
@@ -86,6 +87,7 @@ def _generate(options: argparse.Namespace) -> None:
         count,
         jobs=options.jobs,
         categories=categories,
+        kind=options.kind,
         classes=not options.no_classes,
         progress=_progress,
     )

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.errors import ConfigurationError
+
 from .conditions import draw_scenario
 from .detectability import Companion, Freedom, norm
 from .effects import EFFECTS, Effect
@@ -80,14 +82,17 @@ def draw(
         category: one of ``CATEGORIES``; None: drawn.
         kind: of the campaign, as of ``KINDS``; None: drawn.
         classes: whether to find what the data cannot tell from the truth (takes longest).
+
+    Raises ConfigurationError where the kind states nothing of that category.
     """
     if category is None:
-        weights = np.array(list(CATEGORIES.values()))
-        category = str(rng.choice(list(CATEGORIES), p=weights / weights.sum()))
+        category = _drawn(
+            rng, {c: w for c, w in CATEGORIES.items() if kind is None or _possible(c, kind)}
+        )
     if kind is None:
-        kinds = {k: KINDS[k] for k in _POSSIBLE.get(category, KINDS)}
-        weights = np.array(list(kinds.values()))
-        kind = str(rng.choice(list(kinds), p=weights / weights.sum()))
+        kind = _drawn(rng, {k: w for k, w in KINDS.items() if _possible(category, k)})
+    if not _possible(category, kind):
+        raise ConfigurationError(f'no campaign of kind {kind!r} conceals a wrong {category}')
     clean = draw_scenario(rng, kind)
     if category == 'clean':
         return Concealed(clean, clean, category)
@@ -237,6 +242,15 @@ def _pair(rng: np.random.Generator, clean: Scenario, *, classes: bool) -> Concea
 def _applied(effect: Effect, strength: float, aux: Mapping[str, float | str]) -> Companion:
     """An effect as a companion of the baseline whose strength may be re-tuned with it."""
     return lambda scenario, share: effect.apply(scenario, strength * share, aux)
+
+
+def _possible(category: str, kind: str) -> bool:
+    return kind in _POSSIBLE.get(category, KINDS)
+
+
+def _drawn(rng: np.random.Generator, shares: Mapping[str, float]) -> str:
+    weights = np.array(list(shares.values()))
+    return str(rng.choice(list(shares), p=weights / weights.sum()))
 
 
 def _wanted(rng: np.random.Generator) -> float:

@@ -43,6 +43,7 @@ def generate(
     *,
     jobs: int = 1,
     categories: tuple[str, ...] = (),
+    kind: str | None = None,
     classes: bool = True,
     progress: Progress | None = None,
 ) -> str:
@@ -54,6 +55,7 @@ def generate(
         campaigns: how many.
         jobs: processes.
         categories: given to the campaigns in turn; empty: drawn.
+        kind: of every campaign; None: drawn.
         classes: whether to find what cannot be told from the truth.
         progress: called with (what, done, all).
 
@@ -63,13 +65,15 @@ def generate(
         if name not in CATEGORIES:
             raise ConfigurationError(f'category is {name!r}; known are {", ".join(CATEGORIES)}')
     output.mkdir(parents=True, exist_ok=True)
-    plan = {'campaigns': campaigns, 'categories': list(categories)}
+    plan: dict[str, object] = {'campaigns': campaigns, 'categories': list(categories)}
+    if kind is not None:
+        plan['kind'] = kind
     _same_plan(output / 'examination.json', plan, seed)
     parts = output / 'sealed_parts'
     parts.mkdir(exist_ok=True)
     todo = [i for i in range(campaigns) if not (parts / f'{campaign_name(i)}.sha256').exists()]
     work = [
-        (output, seed, i, categories[i % len(categories)] if categories else None, classes)
+        (output, seed, i, categories[i % len(categories)] if categories else None, kind, classes)
         for i in todo
     ]
     done = campaigns - len(todo)
@@ -100,9 +104,11 @@ def answer_of(concealed: Concealed) -> dict[str, Any]:
     }
 
 
-def _one(output: Path, seed: int, index: int, category: str | None, classes: bool) -> None:
+def _one(
+    output: Path, seed: int, index: int, category: str | None, kind: str | None, classes: bool
+) -> None:
     rng = np.random.default_rng([seed, index])
-    concealed = draw(rng, category=category, classes=classes)
+    concealed = draw(rng, category=category, kind=kind, classes=classes)
     folder = output / 'campaigns' / campaign_name(index)
     rmtree(folder, ignore_errors=True)  # of a run that was cut off
     write_campaign(folder, concealed.truth, concealed.stated, rng)

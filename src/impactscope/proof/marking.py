@@ -47,6 +47,7 @@ class Mark:
     unknown: bool | None = None
     parameter_named: bool | None = None
     seconds: float = math.nan
+    kind: str = 'impact'
 
 
 _FAMILY = {
@@ -81,6 +82,7 @@ def mark(
         names,
         reply is not None,
         seconds=seconds,
+        kind=str(answer.get('kind', 'impact')),
     )
     if reply is None:
         if names:

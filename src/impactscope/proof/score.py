@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .draw import KINDS
 from .intervals import Share, share
 from .marking import DETECTABLE, Mark, mark
 from .sealed import open_sealed
@@ -91,6 +92,8 @@ def score(marks: Sequence[Mark]) -> Score:
         add('unknown called unknown', where, outside, lambda m: bool(m.unknown))
         add('subsystem named', where, inside, lambda m: bool(m.subsystem))
     strong = [m for m in marks if m.truth and _visible(m) >= 5]
+    for kind in KINDS:
+        add('right, whatever is hidden', kind, [m for m in strong if m.kind == kind], _right)
     covered = [c for m in strong if m.name_first for c in m.covered.values()]
     coverage = share(sum(covered), len(covered))
     shares.append(('true parameter inside 95 % interval', "d' 5 and more", coverage))
@@ -150,6 +153,10 @@ def write(output: Path, marks: Sequence[Mark], result: Score) -> None:
     """Leave ``score.json`` beside the examination."""
     content = {'score': asdict(result), 'marks': [asdict(m) for m in marks]}
     (output / 'score.json').write_text(json.dumps(content, indent=1, default=str))
+
+
+def _right(m: Mark) -> bool:
+    return bool(m.unknown if m.category == 'outside' else m.right_set)
 
 
 def _close(ratio: float | None) -> bool:
