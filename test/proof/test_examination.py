@@ -17,7 +17,7 @@ from impactscope.proof.confusion_picture import confusion_svg
 from impactscope.proof.generate import generate
 from impactscope.proof.intervals import share
 from impactscope.proof.marking import mark
-from impactscope.proof.peers import peers, refit, stlsq
+from impactscope.proof.peers import peers, refit, sparse_regression
 from impactscope.proof.score import confusion, lines, read_marks, score
 from impactscope.proof.sealed import open_sealed, seal
 from impactscope.recordings import open_recording
@@ -270,12 +270,24 @@ def test_the_refitted_baseline_finds_a_decay():
     assert ratio == pytest.approx(14 / np.hypot(14, 200), rel=1e-6)
 
 
-def test_thresholded_least_squares_keeps_what_is_there():
-    rng = np.random.default_rng(2)
-    matrix = rng.normal(size=(200, 5))
-    target = 3 * matrix[:, 1] - 2 * matrix[:, 4] + 0.01 * rng.normal(size=200)
-    weights = stlsq(matrix, target, 0.1)
-    assert set(np.flatnonzero(weights)) == {1, 4}
+@pytest.mark.parametrize(('force', 'kept'), [(0.0, set()), (0.02, {'sign v'})])
+def test_sparse_regression_keeps_what_is_there(force, kept):
+    """Free motions x'' = -w² x - 2 z w v - w² f sign(v), exact between turning points."""
+    rate, omega, zeta = 5000.0, 200.0, 0.03
+    motions = []
+    for height in (1.0, 0.8, 0.5):
+        t = np.arange(500) / rate
+        fine = 20
+        x, v = height, 0.0
+        course = np.empty(t.size)
+        for i in range(t.size):
+            course[i] = x
+            for _ in range(fine):
+                a = -(omega**2) * (x + force * np.sign(v)) - 2 * zeta * omega * v
+                v += a / (rate * fine)
+                x += v / (rate * fine)
+        motions.append((t, course, rate))
+    assert {name for name, _ in sparse_regression(motions)} == kept
 
 
 def test_peers_look_at_a_campaign(examination):

@@ -6,6 +6,8 @@ the hammer's last pulse), as the bench's paper does.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -17,16 +19,24 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import savgol_filter
 
+from impactscope.errors import ConfigurationError
 from impactscope.recordings import open_recording
 from impactscope.records import SampleBlock
 
-__all__ = ['PeerView', 'free_motion', 'peers', 'refit', 'sparse_regression', 'stlsq']
+__all__ = ['PeerView', 'free_motion', 'peers', 'refit', 'sparse_regression']
 
 Array = NDArray[np.float64]
 
 _SKIP = 0.02  # s after the largest value, in which the blow may still act
 _SPAN = 0.35  # s
-TERMS = ('x', 'v', 'sign v', 'v|v|', 'x^3', 'x|x|')
+_TERMS: Mapping[str, Callable[[Array, Array], Array]] = {
+    'x': lambda x, _: x,
+    'v': lambda _, v: v,
+    'sign v': lambda _, v: np.sign(v),
+    'v|v|': lambda _, v: v * np.abs(v),
+    'x^3': lambda x, _: x**3,
+    'x|x|': lambda x, _: x * np.abs(x),
+}
 _MEANING = {
     'sign v': 'coulomb_friction',
     'v|v|': 'quadratic_damping',
@@ -120,53 +130,44 @@ def refit(t: Array, values: Array) -> tuple[float, float]:
 def sparse_regression(
     motions: list[tuple[Array, Array, float]], share: float = 0.02
 ) -> tuple[tuple[str, float], ...]:
-    """Terms beside x and v that sequentially thresholded least squares keeps.
+    """Terms beside x and v that PySINDy keeps in the equation of the acceleration.
 
-    Acceleration by a smoothing derivative (Savitzky and Golay); terms scaled to unit norm;
-    a term stays while it carries at least ``share`` of the acceleration's norm. PySINDy's
-    optimiser is used where it is installed, with the same threshold.
+    State x, v from a smoothing derivative (Savitzky and Golay), scaled by their largest;
+    sequentially thresholded least squares (Brunton, Proctor, Kutz, PNAS 113, 2016) over all
+    motions and columns of unit norm; a term stays while it carries at least ``share`` of the
+    acceleration's norm.
+
+    Raises ConfigurationError where PySINDy is not installed.
     """
-    rows, targets = [], []
-    for _, values, rate in motions:
-        window = max(5, round(0.006 * rate) | 1)
-        x, v, a = (savgol_filter(values, window, 4, deriv=d, delta=1 / rate) for d in (0, 1, 2))
-        x = x - np.mean(x[-x.size // 4 :])
-        x, v = x / np.abs(x).max(), v / np.abs(v).max()
-        terms = np.stack([x, v, np.sign(v), v * np.abs(v), x**3, x * np.abs(x)], 1)
-        rows.append(terms[window:-window])
-        targets.append(a[window:-window] / np.linalg.norm(a[window:-window]))
-    matrix, target = np.concatenate(rows), np.concatenate(targets)
-    scale = np.linalg.norm(matrix, axis=0)
-    weights = _optimise(matrix / scale, target / np.linalg.norm(target), share)
+    try:
+        pysindy: Any = import_module('pysindy')
+    except ImportError as error:
+        raise ConfigurationError('sparse regression needs PySINDy: pip install pysindy') from error
+    derived = [_derivatives(values, rate) for _, values, rate in motions]
+    scales = [max(float(np.abs(d[:, i]).max()) for d in derived) for i in range(2)]
+    pull = math.sqrt(sum(float(d[:, 2] @ d[:, 2]) for d in derived))
+    states = [d[:, :2] / scales for d in derived]
+    slopes = [np.stack([s[:, 1], d[:, 2] / pull], 1) for s, d in zip(states, derived, strict=True)]
+    model = pysindy.SINDy(
+        optimizer=pysindy.STLSQ(threshold=share, alpha=0, normalize_columns=True),
+        feature_library=pysindy.CustomLibrary(library_functions=list(_TERMS.values())),
+    )
+    model.fit(states, t=1 / motions[0][2], x_dot=slopes)
+    weights = np.asarray(model.coefficients(), dtype=np.float64)[1]
     return tuple(
         (name, float(w))
-        for name, w in zip(TERMS, weights, strict=True)
+        for name, w in zip(_TERMS, weights, strict=True)
         if w != 0 and name not in ('x', 'v')
     )
 
 
-def stlsq(matrix: Array, target: Array, threshold: float, rounds: int = 20) -> Array:
-    """Sequentially thresholded least squares (Brunton, Proctor, Kutz, PNAS 113, 2016)."""
-    kept = np.ones(matrix.shape[1], dtype=bool)
-    weights = np.zeros(matrix.shape[1])
-    for _ in range(rounds):
-        weights[:] = 0
-        weights[kept] = np.linalg.lstsq(matrix[:, kept], target, rcond=None)[0]
-        small = kept & (np.abs(weights) < threshold)
-        if not small.any() or small.sum() == kept.sum():
-            break
-        kept &= ~small
-    return weights
-
-
-def _optimise(matrix: Array, target: Array, threshold: float) -> Array:
-    try:
-        pysindy = import_module('pysindy')
-    except ImportError:
-        return stlsq(matrix, target, threshold)
-    optimiser: Any = pysindy.STLSQ(threshold=threshold, alpha=0)
-    optimiser.fit(matrix, target[:, None])
-    return np.asarray(optimiser.coef_, dtype=np.float64).ravel()
+def _derivatives(values: Array, rate: float) -> Array:
+    """Displacement, speed and acceleration, shape (n, 3), about the place of rest."""
+    window = max(5, round(0.006 * rate) | 1)
+    derived = [savgol_filter(values, window, 4, deriv=d, delta=1 / rate) for d in range(3)]
+    derived[0] -= np.mean(derived[0][-values.size // 4 :])
+    inside: Array = np.stack(derived, 1)[window:-window]
+    return inside
 
 
 def _meaning(term: str, weight: float) -> str:
