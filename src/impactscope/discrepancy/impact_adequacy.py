@@ -1,16 +1,18 @@
 """Whether a fitted model leaves only noise: tests with power against what physics would leave.
 
 A weak effect lifts the reduced chi-square of ten thousand samples by less than its own scatter.
-But what an unknown effect leaves lies where the bench can move. Two kinds of tests look there.
+But what an unknown effect leaves lies where the bench can move. Three kinds of tests look there.
 
 Constancy of the numbers: were each shared number allowed a value of its own in every recording,
 in every channel, and in every stretch of time, by how much would chi-square fall? With the right
 model by one for each further number; with a wrong one the numbers have to differ between strong
 and weak blows, between channels, between the loaded plate and the free one.
 
+Laws that no mechanism here has, along the motion that was fitted: see `impact_laws`.
+
 Colour: the power of what is left in bands of frequency, against white noise.
 
-Both count what is left in units of the noise as the residual itself shows it from sample to
+All count what is left in units of the noise as the residual itself shows it from sample to
 sample, so that a noise that is stated or estimated a little wrong is no finding.
 """
 
@@ -27,9 +29,13 @@ from scipy import integrate, stats
 
 from impactscope.discrepancy.impact_candidates import Candidate, candidates, stronger
 from impactscope.discrepancy.impact_fit import Fit, fit, projector
+from impactscope.discrepancy.impact_laws import Law, law_responses
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['Adequacy', 'adequacy']
+__all__ = ['TESTED', 'Adequacy', 'adequacy', 'law_instead']
+
+TESTED = 0.35
+"""s after the onset up to which what is left of a blow is tested; taps are tested whole."""
 
 Array = NDArray[np.float64]
 
@@ -38,7 +44,6 @@ _ALLOWED = 0.03  # of the noise of a sample: what two sound simulations may diff
 _FELT = 10.0  # norm of a weak effect
 _ALLOWED_ALONE = 0.015  # likewise, along one direction
 _BANDS = (60.0, 400.0)  # Hz, upper edges
-_TESTED = 0.35  # s after the onset of a blow; taps are tested whole
 _BAND_LENGTH = 0.35  # s after the onset in which bands are looked at
 _LEAST_RANK = 1e-3  # of a further number's influence that the model's numbers leave of it
 
@@ -49,32 +54,38 @@ class Adequacy:
 
     p_values: dict[str, float]
     excess: dict[str, float]  # fall of chi-square beyond what noise gives
+    law: str = ''  # of those that no mechanism has, the one that would explain most
 
     @property
     def p_value(self) -> float:
         """Chance of the most telling test, all of them together."""
-        least = min(self.p_values.values(), default=1.0)
-        return min(1.0, least * max(len(self.p_values), 1))
+        others = [p for name, p in self.p_values.items() if name != 'laws']
+        least = min((p * len(others) for p in others), default=1.0)
+        # laws that somebody wrote down deserve as much as all the rest together
+        return min(1.0, 2.0 * least, 2.0 * self.p_values.get('laws', 1.0))
 
     @property
     def worst(self) -> str:
         """What varies most, in words."""
-        return min(self.p_values, key=lambda k: self.p_values[k], default='')
+        worst = min(self.p_values, key=lambda k: self.p_values[k], default='')
+        return f'it is like {self.law}' if worst == 'laws' else worst
 
 
-def adequacy(found: Fit) -> Adequacy:
+def adequacy(found: Fit, *, laws: bool = True) -> Adequacy:
     """Tests of what a fit leaves; see the module's description.
 
-    Blows are looked at up to ``_TESTED`` s, the fit first brought to its best there: what only
+    ``laws``: whether laws that no mechanism has are among them, which takes most of the time.
+
+    Blows are looked at up to ``TESTED`` s, the fit first brought to its best there: what only
     shows after many bounces, each of which amplifies, tells of the bounces.
     """
-    layout = found.model.layout(found.layout.blows, _TESTED)
+    layout = found.model.layout(found.layout.blows, TESTED)
     if layout.size < found.layout.size:
         found = fit(found.model, layout, found.x, iterations=8)
-    return _tested_fit(found)
+    return _tested_fit(found, laws)
 
 
-def _tested_fit(fit: Fit) -> Adequacy:
+def _tested_fit(fit: Fit, laws: bool) -> Adequacy:
     size = fit.layout.size
     weight = np.ones(size)
     for name, spans in _by_channel(fit).items():
@@ -95,11 +106,69 @@ def _tested_fit(fit: Fit) -> Adequacy:
     ]
     for label, columns in (*_varied(fit, slopes), *full):
         p_values[label], excess[label] = _tested(left, columns, basis, size)
+    law = ''
+    if laws:
+        p_values['laws'], excess['laws'], law = _laws(fit, weight, left, basis)
     for label, (power, count) in _bands(fit, weight * fit.residuals[:size]).items():
         allowed = _ALLOWED**2 * count
         p_values[label] = float(stats.ncx2.sf(power, count, allowed))
         excess[label] = power - count
-    return Adequacy(p_values, excess)
+    return Adequacy(p_values, excess, law)
+
+
+def _laws(fit: Fit, weight: Array, left: Array, basis: Array) -> tuple[float, float, str]:
+    """Chance and excess of the most telling law that no mechanism has, and its name."""
+    laws = law_responses(fit)
+    best = 1.0, 0.0, ''
+    for law in laws:
+        power, count = _along(law, left, basis, weight)
+        chance = (
+            float(stats.ncx2.sf(power, count, _ALLOWED_ALONE**2 * weight.size)) if count else 1
+        )
+        if chance < best[0]:
+            best = chance, power - count, law.label
+    return min(1.0, best[0] * len(laws)), best[1], best[2]
+
+
+def law_instead(before: Fit, after: Fit, numbers: int) -> tuple[float, str]:
+    """Chance, and name, of a law that explains more than the findings do, in their place.
+
+    ``before``: the baseline, ``after``: with the findings, which have that many numbers. The
+    fall of chi-square that a law has ahead of the findings counts as evidence: a law that only
+    resembles what is there gets ahead by no more than noise.
+    """
+    fits = []
+    for found in (before, after):
+        layout = found.model.layout(found.layout.blows, TESTED)
+        fits.append(fit(found.model, layout, found.x, iterations=8))
+    old, new = fits
+    size = old.layout.size
+    if size != new.layout.size:
+        return 1.0, ''
+    spread = max(1.0, new.reduced)
+    basis = projector(old.jacobian)
+    left = old.residuals - basis @ (basis.T @ old.residuals)
+    needed = old.chi_square - new.chi_square - numbers
+    best = -math.inf, ''
+    laws = law_responses(old)
+    for law in laws:
+        power, count = _along(law, left, basis, np.ones(size))
+        best = max(best, (power - count - needed, law.label))
+    chance = math.exp(-0.5 * min(max(best[0], 0.0) / spread, 1e3))
+    return min(1.0, len(laws) * chance), best[1]
+
+
+def _along(law: Law, left: Array, basis: Array, weight: Array) -> tuple[float, int]:
+    """Power of the residuals along a law, and the number of its directions."""
+    columns = weight[:, None] * law.columns
+    norm = np.linalg.norm(columns, axis=0)
+    columns = columns[:, norm > 0] / norm[norm > 0]
+    size = columns.shape[0]
+    beyond = -basis @ (basis[:size].T @ columns)
+    beyond[:size] += columns
+    u, s, _ = np.linalg.svd(beyond, full_matrices=False)
+    directions = u[:, s > 10 * _LEAST_RANK]
+    return float(np.sum((directions.T @ left) ** 2)), directions.shape[1]
 
 
 def _by_channel(fit: Fit) -> dict[str, dict[int, slice]]:

@@ -20,10 +20,10 @@ from impactscope.discrepancy.impact_baseline import STRUCTURE, implied_shares
 from impactscope.discrepancy.impact_fit import Fit
 from impactscope.discrepancy.impact_model import ActiveEffect, Free, ImpactModel
 from impactscope.physics.mechanisms.mechanism import Mechanism, Parameter
-from impactscope.physics.mechanisms.registry import all_mechanisms
+from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 from impactscope.physics.twin import layout as at
 
-__all__ = ['Candidate', 'candidates', 'stronger']
+__all__ = ['Candidate', 'candidates', 'filters_like', 'stronger']
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,10 @@ _KEPT = {  # parameters that are not fitted: nothing on this bench tells them
 }
 _VANISHES = {'base_compliance': 'mass'}  # numbers at whose infinity an effect is absent
 _RINGS = tuple(float(f) for f in np.geomspace(30.0, 500.0, 9))  # Hz, where a part may ring
-_FILTERS = ((1, 0), (2, 0), (4, 0), (2, 1), (4, 1))  # order, zero phase
+_FILTERS = ((1, 0), (2, 0), (4, 0), (1, 1), (2, 1), (4, 1))  # order, zero phase, tried at first
+_ALL_FILTERS = tuple((order, zero_phase) for zero_phase in (0, 1) for order in (1, 2, 3, 4))
+_ORDER_DOUBT = 2.0  # for each order of a filter: the lowest that explains as much stands
+_DELAYS = {1: 1.0, 2: 1.4142, 3: 2.0, 4: 2.6131}  # of a Butterworth filter, over 1 / (2 pi cutoff)
 _RINGING = 0.3  # s after the onset in which resonances are looked for
 _LARGEST_FREQUENCY = 1500.0  # Hz
 
@@ -57,6 +60,7 @@ class Candidate:
     channel: str = ''
     recording: str = ''
     parameter: str = ''  # of the baseline, where that is what is wrong
+    doubt: float = 0.0  # -2 log of its prior probability among its like
 
     @property
     def cost(self) -> int:
@@ -270,17 +274,10 @@ def _chain_candidates(kind: Mechanism, channel: str, scene: _Scene) -> Iterator[
     noise = scene.model.data.noise[channel]
     rate = scene.rates[channel]
     if kind.name == 'low_pass_filter':
-        key = f'{tag}.cutoff'
-        highest = 0.45 * rate
-        cutoffs = [f for f in (30.0, 100.0, 300.0, 1000.0, 3000.0) if f < highest]
+        highest = 0.49 * rate
+        cutoffs = [f for f in (30.0, 100.0, 300.0, 1000.0, 3000.0) if f < 0.9 * highest]
         for order, zero_phase in _FILTERS:
-            yield Candidate(
-                label=f'{tag} of order {order}{", zero phase" if zero_phase else ""}',
-                free=(Free(key, 300.0, 0.05, 1.0, highest, logarithmic=True),),
-                constants={f'{tag}.order': order, f'{tag}.zero_phase': zero_phase},
-                starts=tuple({key: f} for f in cutoffs),
-                **common,  # type: ignore[arg-type]
-            )
+            yield _low_pass(channel, order, zero_phase, highest, cutoffs)
     elif kind.name == 'mains_hum':
         free = [Free(f'{tag}.frequency', 50.0, 0.02, 10.0, 1000.0)]
         free += [
@@ -321,6 +318,49 @@ def _chain_candidates(kind: Mechanism, channel: str, scene: _Scene) -> Iterator[
             )
     else:
         yield from _plain_chain(kind, tag, noise, common)
+
+
+def _low_pass(
+    channel: str, order: int, zero_phase: int, highest: float, cutoffs: Sequence[float]
+) -> Candidate:
+    active = ActiveEffect('low_pass_filter', channel)
+    tag, kind = active.tag, mechanism('low_pass_filter')
+    key = f'{tag}.cutoff'
+    return Candidate(
+        label=f'{tag} of order {order}{", zero phase" if zero_phase else ""}',
+        name=kind.name,
+        subsystem=kind.subsystem.value,
+        free=(Free(key, 300.0, 0.05, 1.0, highest, logarithmic=True),),
+        effects=(active,),
+        constants={f'{tag}.order': order, f'{tag}.zero_phase': zero_phase},
+        starts=tuple({key: f} for f in cutoffs),
+        channel=channel,
+        doubt=_ORDER_DOUBT * (order - 1),
+    )
+
+
+def filters_like(
+    candidate: Candidate, values: Mapping[str, float], sample_rate: float
+) -> Iterator[tuple[Candidate, float]]:
+    """Every low-pass filter that a fitted one, or a late clock, may be; with its cut-off to start.
+
+    Causal filters of one delay look alike, whatever their order; those without a phase of one
+    cut-off.
+    """
+    channel, highest = candidate.channel, 0.49 * sample_rate
+    if candidate.name == 'clock_error':
+        delay, cutoff = values[f'clock_error:{channel}.offset'], 0.5 * highest
+    else:
+        cutoff = values[f'low_pass_filter:{channel}.cutoff']
+        delay = _DELAYS[round(candidate.constants[f'low_pass_filter:{channel}.order'])]
+        delay = delay / (2 * math.pi * cutoff)
+    for order, zero_phase in _ALL_FILTERS:
+        if not zero_phase and delay <= 0.0:
+            continue
+        start = cutoff if zero_phase else _DELAYS[order] / (2 * math.pi * delay)
+        other = _low_pass(channel, order, zero_phase, highest, (start,))
+        if other.label != candidate.label:
+            yield other, min(start, 0.99 * highest)
 
 
 def _plain_chain(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 
@@ -20,12 +21,12 @@ from impactscope.discrepancy.answer import (
 )
 from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.evidence import Thresholds, probabilities
-from impactscope.discrepancy.impact_adequacy import adequacy
+from impactscope.discrepancy.impact_adequacy import TESTED, Adequacy, adequacy, law_instead
 from impactscope.discrepancy.impact_baseline import baseline_model
 from impactscope.discrepancy.impact_candidates import Candidate
 from impactscope.discrepancy.impact_data import CampaignData, prepare
 from impactscope.discrepancy.impact_fit import Fit
-from impactscope.discrepancy.impact_follow import fit_baseline, prediction_misfit
+from impactscope.discrepancy.impact_follow import fit_baseline, held_out_fit, prediction_misfit
 from impactscope.discrepancy.impact_search import Found, Outcome, Search
 from impactscope.discrepancy.locate import Phase, Strip, locate, phases
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
@@ -38,6 +39,8 @@ Progress = Callable[[float, str], None]
 
 _VISIBLE_STEP = 0.15  # of the noise, from which the converter's steps are coarse
 _STATED_TESTS = 4
+_AS_GOOD = 0.985  # of the evidence, of an explanation that is as good
+_WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
 
 _UNITS = {
     'stiffness': 'N/m',
@@ -140,6 +143,7 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
         held is not None
         and held.reduced > allowed  # quick to see, and never less than what follows
         and prediction_misfit(final, held) > allowed
+        and _missed_early(final, allowed)
     )
     if ratio <= thresholds.unexplained_ratio:
         if tests.p_value < thresholds.inadequate:
@@ -147,6 +151,13 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
                 'Something is missing that no known mechanism explains: what is left is as small '
                 f'as the noise, but not of its kind ({tests.worst}; by chance in '
                 f'{tests.p_value:.1g} of campaigns).'
+            )
+        instead, law = _law_instead(outcome)
+        if instead < thresholds.inadequate:
+            outcome.tests = Adequacy({**tests.p_values, 'laws': instead}, tests.excess, law)
+            return True, (
+                f'Something is missing that no known mechanism explains: {law} explains the '
+                'recordings better than anything that is known here.'
             )
         if held is None or not missed:
             return False, ''
@@ -167,6 +178,21 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
         f'residual is still {math.sqrt(ratio):.3g} times the noise, most of all in {where} '
         f'({parts[0][0]:.3g} times).'
     )
+
+
+def _law_instead(outcome: Outcome) -> tuple[float, str]:
+    """Chance of a law that is ahead of the findings, see :func:`law_instead`; and its name."""
+    tunable = outcome.accepted and all(c.free for c in outcome.accepted)
+    if not tunable or outcome.baseline.reduced > _WEAK:
+        return 1.0, ''
+    cost = sum(c.cost for c in outcome.accepted)
+    return law_instead(outcome.baseline, outcome.final, cost)
+
+
+def _missed_early(final: Fit, allowed: float) -> bool:
+    """Whether a prediction is missed before many bounces have amplified what is small."""
+    held = held_out_fit(final, final.model.data.held_out, TESTED)
+    return held is not None and prediction_misfit(final, held) > allowed
 
 
 def _direct_findings(data: CampaignData) -> list[Finding]:
@@ -272,9 +298,10 @@ def _ranking(outcome: Outcome, accepted: Sequence[Candidate]) -> list[Finding]:
             name = rival.candidate.name
             if name == candidate.name and rival.candidate.channel == candidate.channel:
                 own += share if name != 'wrong_parameter' else 0.0
-            elif share > thresholds.confusable * own or _nests(rival, mine):
+            elif share > thresholds.confusable * own or _nests(rival, mine) or _kin(rival, mine):
                 confused[name] = max(confused.get(name, 0.0), share)
-        ranked.append(_finding(candidate, outcome.final, own, tuple(confused), mine, held))
+        finding = _finding(candidate, outcome.final, own, tuple(confused), mine, held)
+        ranked.append(_among_orders(finding, mine, rivals))
         for rival, share in zip(rivals, others, strict=True):
             if rival.candidate.label in seen or rival.candidate.name == candidate.name:
                 continue
@@ -292,9 +319,40 @@ def _ranking(outcome: Outcome, accepted: Sequence[Candidate]) -> list[Finding]:
     return [*ranked, *later]
 
 
+def _among_orders(finding: Finding, mine: Found, rivals: Sequence[Found]) -> Finding:
+    """A filter's cut-off with the uncertainty of its order, where the data leave that open."""
+    same = [
+        r
+        for r in rivals
+        if finding.name == 'low_pass_filter' == r.candidate.name
+        and finding.channel == r.candidate.channel
+    ]
+    if not same:
+        return finding
+    key = f'low_pass_filter:{finding.channel}.cutoff'
+    shares = probabilities([f.criterion for f in (mine, *same)])
+    stated = finding.parameters['cutoff']
+    cutoffs = [float(stated.value), *(r.fit.values[key] for r in same)]
+    spread = sum(p * (f - cutoffs[0]) ** 2 for p, f in zip(shares, cutoffs, strict=True))
+    cutoff = ParameterEstimate(stated.value, math.hypot(stated.std, math.sqrt(spread)), 'Hz')
+    return dataclasses.replace(finding, parameters={**finding.parameters, 'cutoff': cutoff})
+
+
 def _nests(rival: Found, mine: Found) -> bool:
     """Whether a rival fits as well and only costs more numbers: the data cannot tell them."""
     return rival.candidate.cost > mine.candidate.cost and rival.gain > mine.gain - 3.0
+
+
+def _kin(rival: Found, mine: Found) -> bool:
+    """Whether a filter explains what a delay does to within what simulations agree, or vice versa.
+
+    Which of the two it is hangs on the finest detail of the fastest samples.
+    """
+    one, other = mine.candidate, rival.candidate
+    if not one.channel or one.channel != other.channel:
+        return False
+    related = one.name in all_mechanisms() and other.name in mechanism(one.name).kin
+    return related and rival.gain > _AS_GOOD * mine.gain
 
 
 def _finding(

@@ -25,7 +25,7 @@ from impactscope.discrepancy.evidence import (
     least_gain,
 )
 from impactscope.discrepancy.impact_adequacy import Adequacy, adequacy
-from impactscope.discrepancy.impact_candidates import Candidate, candidates
+from impactscope.discrepancy.impact_candidates import Candidate, candidates, filters_like
 from impactscope.discrepancy.impact_fit import Fit, at_point, fit
 from impactscope.discrepancy.impact_follow import (
     fit_baseline,
@@ -35,6 +35,7 @@ from impactscope.discrepancy.impact_follow import (
     with_repeatability,
 )
 from impactscope.discrepancy.impact_model import Layout
+from impactscope.discrepancy.impact_pairs import Pair, pairs
 from impactscope.discrepancy.impact_workbench import Trial, Workbench
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
@@ -58,6 +59,7 @@ _DETOURS = 3
 _LOST = 2.0  # reduced chi-square above which a longer window tells nothing more
 _TELLING = 4.0  # ratio of reduced chi-squares from which a structure is another
 _DOUBTED = 5  # candidates that are looked at again where what is left is no noise
+_CONFIRMED = 4  # candidates that are held against the held-out recordings
 _LEAST_GAIN = 9.0  # of chi-square, of such a candidate
 _SOUND = 10.0  # times the chance from which what is left is no noise
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
@@ -106,6 +108,7 @@ class Search:
     thresholds: Thresholds = field(default_factory=Thresholds)
     progress: Callable[[float, str], None] = _silent
     windows: Sequence[float] = WINDOWS
+    tried: tuple[Array, list[Trial]] = field(default_factory=lambda: (np.zeros(0), []))
 
     def run(self, baseline: Fit) -> Outcome:
         """Search from a fitted baseline on."""
@@ -199,11 +202,11 @@ class Search:
             able = []
             for item in outcome.last[:_DOUBTED]:
                 if item.gain > _LEAST_GAIN and item.candidate not in outcome.accepted:
-                    chance = adequacy(item.fit).p_value
+                    chance = adequacy(item.fit, laws=False).p_value
                     if chance > _SOUND * self.thresholds.inadequate:
                         able.append((item.criterion, item))
             if not able:
-                break
+                return self._another_pair(current, outcome)
             best = min(able, key=lambda pair: pair[0])[1]
             outcome.accepted.append(best.candidate)
             outcome.found[best.candidate.label] = best
@@ -213,6 +216,36 @@ class Search:
             current = best.fit
             outcome.last = []
             outcome.tests = None
+        return current
+
+    def _another_pair(self, current: Fit, outcome: Outcome) -> Fit:
+        """A pair in place of all findings that do not explain the recordings.
+
+        Looked for where the blows are still simple: a step at a time may have gone astray.
+        """
+        if any(not c.free for c in outcome.accepted):
+            return current
+        start = self._with(dataclasses.replace(outcome, final=current), [], current.layout)
+        for window in (self.windows[0], self.windows[1]):
+            layout = _up_to(start, window)
+            near = fit(start.model, layout, start.x)
+            if near.reduced < 1.02:
+                continue
+            self.order(near, candidates(near, self.baseline_names))
+            residual, trials = self.tried
+            for pair in pairs(near, residual, trials, outcome.looks, self.thresholds.inadequate):
+                if pair.fit.reduced > _QUIET:
+                    continue
+                whole, reached = followed(pair.fit, window, renew=False)
+                if whole.layout.size < current.layout.size or reached < math.inf:
+                    continue
+                if whole.chi_square > current.chi_square - _LEAST_GAIN:
+                    continue
+                chance = adequacy(whole, laws=False).p_value
+                if chance > _SOUND * self.thresholds.inadequate:
+                    outcome.accepted.clear()
+                    outcome.tests = None
+                    return self._take(dataclasses.replace(pair, fit=whole), [], outcome)
         return current
 
     def _share(self, window: float) -> float:
@@ -230,6 +263,10 @@ class Search:
             allowed = self.thresholds.false_finding / (1 + len(_LOOKED))
             good = [f for f in found if f.p_value <= allowed]
             if not good:
+                joint = self._together(current, outcome, allowed)
+                if joint is not None:
+                    current = joint
+                    continue
                 if found and not outcome.accepted:
                     outcome.p_value = min(outcome.p_value, min(f.p_value for f in found))
                 break
@@ -244,6 +281,36 @@ class Search:
             if current.reduced < _QUIET and not last:
                 break
         return current
+
+    def _together(self, current: Fit, outcome: Outcome, allowed: float) -> Fit | None:
+        """Two candidates at once, where each alone hides behind the other."""
+        if len(outcome.accepted) > _MOST - 2:
+            return None
+        residual, trials = self.tried
+        if residual.size != current.residuals.size:
+            return None
+        found = pairs(current, residual, trials, outcome.looks, allowed)
+        if not found or found[0].p_value > allowed:
+            return None
+        return self._take(found[0], found[1:], outcome)
+
+    def _take(self, best: Pair, others: Sequence[Pair], outcome: Outcome) -> Fit:
+        """Both of a pair are findings; what else stood in their place are their rivals."""
+        for candidate, beside in zip(best.candidates, reversed(best.candidates), strict=True):
+            outcome.accepted.append(candidate)
+            outcome.found[candidate.label] = Found(
+                candidate, best.fit, best.gain, best.p_value, best.criterion
+            )
+            outcome.rivals[candidate.label] = [
+                Found(instead, p.fit, p.gain, p.p_value, p.criterion)
+                for p in others
+                if any(c.label == beside.label for c in p.candidates)
+                for instead in p.candidates
+                if instead.label != beside.label
+            ]
+        outcome.p_value = min(outcome.p_value, best.p_value)
+        outcome.last = []
+        return best.fit
 
     def _reconsider(self, current: Fit, outcome: Outcome, sound: Fit | None) -> Fit:
         """Find the last finding anew, where a longer window does not bear it out."""
@@ -331,6 +398,7 @@ class Search:
         """Every candidate tried, the most promising first."""
         workbench = Workbench(current)
         tried = [found for c in listed if (found := workbench.best(c))]
+        self.tried = workbench.residual, [t for found in tried for t in found]
         tried.sort(key=lambda found: found[0].gain, reverse=True)
         top = [
             max((workbench.refined(workbench.scaled(t)) for t in found), key=lambda t: t.gain)
@@ -372,6 +440,31 @@ class Search:
             if len(found) == 1 and candidate.name in all_mechanisms():
                 kin = set(mechanism(candidate.name).kin)
         found.sort(key=lambda f: f.criterion)
+        if found and found[0].candidate.name in ('low_pass_filter', 'clock_error'):
+            found += self._filters(current, found[0], looks)
+            found.sort(key=lambda f: f.criterion)
+        return found
+
+    @staticmethod
+    def _filters(current: Fit, like: Found, looks: int) -> list[Found]:
+        """Filters of every order in the place of a filter or a delay."""
+        values = like.fit.values
+        channel = like.candidate.channel
+        rate = next(
+            b.channels[channel].sample_rate
+            for b in current.model.data.blows
+            if channel in b.channels
+        )
+        found = []
+        for candidate, cutoff in filters_like(like.candidate, values, rate):
+            model = candidate.extend(current.model)
+            known = {**values, candidate.free[0].key: cutoff}
+            x = np.array([f.to_inner(known[f.key]) for f in model.free])
+            try:
+                joint = fit(model, current.layout, x, settled=0.1)
+            except ImpactscopeError:
+                continue
+            found.append(weigh(candidate, joint, current, looks))
         return found
 
     # --- backwards ---------------------------------------------------------------------------
@@ -433,6 +526,7 @@ class Search:
                 continue
             spread = max(1.0, min(other.reduced, outcome.final.reduced))
             cost = (rival.candidate.cost - candidate.cost) * math.log(layout.size)
+            cost += rival.candidate.doubt - candidate.doubt
             worse = (other.chi_square - outcome.final.chi_square) / spread
             refitted.append(
                 Found(
@@ -456,12 +550,16 @@ class Search:
     # --- held-out recordings -------------------------------------------------------------------
 
     def check(self, outcome: Outcome) -> None:
-        """Predict the held-out recordings; findings that these contradict go, the last first."""
+        """Predict the held-out recordings: they may confirm a finding, or contradict it."""
         held_out = outcome.final.model.data.held_out
         outcome.held_out_baseline = held_out_fit(outcome.baseline, held_out, outcome.window)
         outcome.held_out_final = outcome.held_out_baseline
-        while outcome.accepted:
+        if outcome.accepted:
             outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
+        if outcome.held_out_final is None:
+            return
+        self._confirm(outcome)
+        while outcome.accepted:
             before, after = outcome.held_out_baseline, outcome.held_out_final
             if before is None or after is None:
                 return
@@ -473,13 +571,52 @@ class Search:
                 f'The held-out recordings contradict what the fitted ones suggest: with '
                 f'{dropped.label} chi-square rises by {worse:.1f}; it is not accepted.'
             )
-            outcome.final = (
-                self._with(outcome, outcome.accepted, outcome.final.layout)
-                if outcome.accepted
-                else outcome.baseline
-            )
-            outcome.held_out_final = before
             outcome.tests = None
+            if outcome.accepted:
+                outcome.final = self._with(outcome, outcome.accepted, outcome.final.layout)
+                outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
+            else:
+                outcome.final, outcome.held_out_final = outcome.baseline, before
+
+    def _confirm(self, outcome: Outcome) -> None:
+        """Accept what the fitted recordings only suggest where the held-out ones bear it out.
+
+        Nothing is fitted to these, so their chi-square counts in full beside that of the fit.
+        """
+        held_out = outcome.final.model.data.held_out
+        while len(outcome.accepted) < _MOST and outcome.held_out_final is not None:
+            able = []
+            for item in outcome.last[:_CONFIRMED]:
+                wanted = least_gain(
+                    item.candidate.cost, outcome.looks, self.thresholds.false_finding
+                )
+                beside = set(outcome.final.values) <= set(item.fit.values)
+                if item.gain < 0.3 * wanted or not beside:
+                    continue
+                if item.fit.layout.size != outcome.final.layout.size:
+                    continue
+                predicted = held_out_fit(item.fit, held_out, outcome.window)
+                if predicted is None:
+                    continue
+                worse = further_misfit(
+                    (outcome.final, outcome.held_out_final), (item.fit, predicted)
+                )
+                gain = item.gain - worse / max(1.0, predicted.reduced)
+                if worse < -1.0 and gain > wanted:
+                    able.append((item.criterion - gain + item.gain, gain, item, predicted))
+            if not able:
+                return
+            _, gain, best, predicted = min(able, key=lambda entry: entry[0])
+            chance = family_p_value(gain, best.candidate.cost, outcome.looks)
+            best = dataclasses.replace(best, gain=gain, p_value=chance)
+            outcome.accepted.append(best.candidate)
+            outcome.found[best.candidate.label] = best
+            outcome.rivals[best.candidate.label] = [
+                f for f in outcome.last if f.candidate is not best.candidate
+            ]
+            outcome.p_value = min(outcome.p_value, chance)
+            outcome.final, outcome.held_out_final = best.fit, predicted
+            outcome.tests, outcome.last = None, []
 
     def _with(self, outcome: Outcome, chosen: Sequence[Candidate], layout: Layout) -> Fit:
         """The baseline with some of the findings, fitted over a window."""
@@ -535,5 +672,5 @@ def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
     """A joint fit against the model without the candidate."""
     spread = max(1.0, joint.reduced)
     gain = (current.chi_square - joint.chi_square) / spread
-    criterion = information(-gain, candidate.cost, joint.layout.size)
+    criterion = information(-gain, candidate.cost, joint.layout.size) + candidate.doubt
     return Found(candidate, joint, gain, family_p_value(gain, candidate.cost, looks), criterion)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,9 @@ class Trial:
     gain: float
     model: ImpactModel
     x: Array
+    signature: Array | None = None  # what it does at ``weak`` that no fitted number can re-tune
+    weak: Mapping[str, float] = field(default_factory=dict)
+    one_sided: bool = False  # whether its strength has one sign only
 
 
 class Workbench:
@@ -110,10 +113,19 @@ class Workbench:
             effect = float(np.linalg.norm(left - self.residual))
         factor, linear = self._factor(left)
         if factor < 0.0 and self._one_sided(candidate, start):
-            return Trial(candidate, min(gain, 0.0), model, self.vector(model, start))
-        factor = float(np.clip(factor, -30.0, 30.0))
-        x = self.vector(model, stronger(candidate, start, factor))
-        return Trial(candidate, max(gain, linear), model, x)
+            gain, linear, x = min(gain, 0.0), -math.inf, self.vector(model, start)
+        else:
+            factor = float(np.clip(factor, -30.0, 30.0))
+            x = self.vector(model, stronger(candidate, start, factor))
+        return Trial(
+            candidate,
+            max(gain, linear),
+            model,
+            x,
+            left - self.residual,
+            dict(start),
+            self._one_sided(candidate, start),
+        )
 
     def _factor(self, left: Array) -> tuple[float, float]:
         """By how much an effect must be scaled to fit best, and what it then gains; linear."""
