@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -9,20 +10,23 @@ import numpy as np
 
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import Campaign, CampaignKind
-from impactscope.discrepancy.driven.chain import linear_chain
+from impactscope.discrepancy.driven.case import Case
+from impactscope.discrepancy.driven.chain import ChainModel, chain_case, linear_chain
 from impactscope.discrepancy.driven.decide import Judge
-from impactscope.discrepancy.driven.describe import Subject, describe
-from impactscope.discrepancy.driven.exact import exact_search, reduced
+from impactscope.discrepancy.driven.describe import describe
+from impactscope.discrepancy.driven.exact import exact_search
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.guess import equation_start
 from impactscope.discrepancy.driven.modal import Modes, further_modes
 from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
+from impactscope.discrepancy.driven.noise_judge import reduced
 from impactscope.discrepancy.driven.oscillation import linear_oscillator
 from impactscope.discrepancy.driven.plate import plate_under_hammer
 from impactscope.discrepancy.driven.prescribed import linear_prescribed
 from impactscope.discrepancy.driven.recordings import Cut, cuts
 from impactscope.discrepancy.driven.search import Effort, Outcome, search
 from impactscope.discrepancy.driven.strangers import verdict
+from impactscope.discrepancy.driven.subject import Subject
 from impactscope.discrepancy.driven.terms import Term
 from impactscope.errors import ConfigurationError
 
@@ -42,6 +46,8 @@ MOST_OF_PLATE = 150_000  # samples of all fitted recordings of a plate under a h
 MOSTLY_NOISE = 30.0  # reduced chi-square of a baseline beyond which it is not looked at as noise
 NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
+REPEATS = 2  # searches with noise that is known better
+LEVEL = 0.02  # relative change of the noise's level that matters
 CHAIN_EFFORT = Effort(numbers=6, depth=4, tried=8, beam=3)
 
 
@@ -61,10 +67,13 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     notes = list(campaign.notes)
     parts, model, segments, linear = _start(campaign, notes)
     answer: Answer | None = None
+    sure = False
     if campaign.kind is CampaignKind.DRIVEN and isinstance(model, OscillatorModel):
         answer, sure = _under_hammer(campaign, parts, model, segments, linear, tell)
-        if answer is not None and sure:
-            return answer
+    elif isinstance(model, ChainModel):
+        answer, sure = _through_chain(campaign, model, segments, linear, notes, tell)
+    if answer is not None and sure:
+        return answer
     baseline = _with_known(campaign, model, segments, linear)
     judge = Judge(segments, len({t.name for t in model.terms}))
     modes, effort = None, Effort()
@@ -97,6 +106,31 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     return described
 
 
+def _exact(
+    campaign: Campaign, case: Case, notes: Sequence[str], tell: Progress, share: float = 1.0
+) -> tuple[Answer, Outcome, bool]:
+    """The answer where noise is all that a right model leaves, and whether it is."""
+    baseline = _with_known(campaign, case.model, case.segments, case.baseline)
+    tell(0.1 * share, 'searching')
+    outcome = exact_search(
+        case.model,
+        baseline,
+        case.segments,
+        case.judge,
+        lambda done: tell((0.1 + 0.75 * done) * share, 'searching'),
+    )
+    tell(0.9 * share, 'looking for what the library lacks')
+    gain = case.judge.gain(baseline, outcome.best).fitted
+    said = verdict(
+        case.laws, case.model, baseline, outcome.best, gain, case.segments, case.settled
+    )
+    tell(0.95 * share, 'describing')
+    subject = Subject(
+        campaign, case.model, case.segments, case.judge, outcome, None, tuple(notes), case, said
+    )
+    return describe(subject), outcome, reduced(case.judge, outcome.best) < NOISE
+
+
 def _under_hammer(
     campaign: Campaign,
     parts: Sequence[Cut],
@@ -105,46 +139,50 @@ def _under_hammer(
     linear: Fit,
     tell: Progress,
 ) -> tuple[Answer | None, bool]:
-    """The answer where noise is all that a right model leaves, and whether it is.
-
-    None where that cannot be, because the input is no hammer or far more than noise is left.
-    """
+    """The answer for a plate under a hammer; None if it is none or leaves far more than noise."""
     if 'stiffness' not in linear.values or _modes(campaign) > 1:
         return None, False
     notes = list(campaign.notes)
     whole = cuts(campaign, [parts[0].channel], parts[0].drive_channel, notes, MOST_OF_PLATE)
     if len(whole) != len(parts):
         return None, False
-    plate = plate_under_hammer(whole, model, segments, linear)
-    if plate is None:
+    case = plate_under_hammer(whole, model, segments, linear)
+    if case is None or reduced(case.judge, case.baseline) > MOSTLY_NOISE:
         return None, False
-    baseline = _with_known(campaign, plate.model, plate.segments, plate.baseline)
-    if reduced(plate.judge, baseline) > MOSTLY_NOISE:
+    answer, _, sure = _exact(campaign, case, notes, tell)
+    return answer, sure
+
+
+def _through_chain(
+    campaign: Campaign,
+    model: ChainModel,
+    segments: Sequence[Segment],
+    linear: Fit,
+    notes: Sequence[str],
+    tell: Progress,
+) -> tuple[Answer | None, bool]:
+    """The answer for a chain between two channels with noise; what is found tells the noise."""
+    case = chain_case(model, segments, linear)
+    if case is None:
         return None, False
-    tell(0.1, 'searching')
-    outcome = exact_search(
-        plate.model,
-        baseline,
-        plate.segments,
-        plate.judge,
-        lambda share: tell(0.1 + 0.75 * share, 'searching'),
+    answer, outcome, sure = _exact(campaign, case, notes, tell, 0.5)
+    for _ in range(REPEATS):
+        again = chain_case(model, segments, linear, outcome.best)
+        if again is None or _alike(case, again):
+            break
+        case = again
+        answer, outcome, sure = _exact(campaign, case, notes, tell)
+    return answer, sure
+
+
+def _alike(one: Case, other: Case) -> bool:
+    """Whether two cases take the noise for the same."""
+    return all(
+        abs(math.log(float(np.linalg.norm(a.whitener(p)) / np.linalg.norm(b.whitener(p))))) < LEVEL
+        for a, b in zip(one.segments, other.segments, strict=True)
+        if a.whitener is not None and b.whitener is not None
+        for p in [np.random.default_rng(0).standard_normal(a.measured.size)]
     )
-    tell(0.9, 'looking for what the library lacks')
-    gain = plate.judge.gain(baseline, outcome.best).fitted
-    said = verdict(plate.model, baseline, outcome.best, gain, plate.segments)
-    tell(0.95, 'describing')
-    subject = Subject(
-        campaign,
-        plate.model,
-        plate.segments,
-        plate.judge,
-        outcome,
-        None,
-        tuple(notes),
-        plate,
-        said,
-    )
-    return describe(subject), reduced(plate.judge, outcome.best) < NOISE
 
 
 def _of_modes(

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impactscope.discrepancy.driven.measuring import output_terms
+from impactscope.discrepancy.driven.channel_effects import channel_terms
 from impactscope.discrepancy.driven.mechanics import Sizes, mechanical_terms
 from impactscope.discrepancy.driven.terms import Number, Term
 
@@ -142,4 +142,4 @@ def exact_terms(
             amounts=('/mass',),
         )
     )
-    return (*found, *output_terms(*output, rate, longest, noise, peak))
+    return (*found, *channel_terms(*output, rate, longest, noise, peak))

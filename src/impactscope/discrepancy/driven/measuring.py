@@ -1,36 +1,43 @@
-"""What a measuring chain does to the quantity that it measures, and the effects to look for.
+"""What a measuring chain does to the quantity that it measures.
 
-The order is that of a chain: the clock that decides when a sample is taken, filters, coupling,
-additions, and at last the range. Filters are Butterworth's; source: ISO 6487 and SAE J211-1.
+The order is that of a chain: gain, the clock that decides when a sample is taken, filters,
+coupling, additions, and at last the range. Filters are Butterworth's; source: ISO 6487 and
+SAE J211-1. The effects to look for stand in :mod:`channel_effects`.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 from scipy.interpolate import CubicSpline
 
-from impactscope.discrepancy.driven.terms import Number, Term
+from impactscope.discrepancy.driven.terms import Term
 
-__all__ = ['MAINS', 'ORDERS', 'filter_of', 'output_terms', 'passed_on', 'retimed', 'step_of']
+__all__ = [
+    'between_samples',
+    'delayed',
+    'filter_of',
+    'passed_on',
+    'power_passed',
+    'retimed',
+    'step_of',
+]
 
 Array = NDArray[np.float64]
 
-ORDERS = (1, 2, 3, 4, 6, 8)
-MAINS = (50.0, 60.0)  # Hz
 COARSE = 40.0  # rounding errors of single precision that a step must exceed to be seen
-CLOCKS = 1e-3  # largest drift of a clock that is looked for
+FINE = 8  # between samples, before a spline retimes a broad signal
 
 
 def filter_of(term: Term) -> tuple[int, bool]:
     """Order and whether it runs forwards and backwards, of a low-pass among the candidates."""
     kind, _, order = term.variant.partition('-')
-    return int(order), kind == 'zero'
+    return int(order.partition('@')[0]), kind == 'zero'
 
 
 def step_of(samples: Array) -> float:
@@ -62,15 +69,64 @@ def retimed(samples: Array, offset: float, drift: float, period: float) -> Array
     return np.asarray(spline(np.clip((time - offset) / (1.0 + drift), 0.0, time[-1])))
 
 
+def delayed(samples: Array, delay: float, period: float) -> Array:
+    """Samples later by ``delay`` s, band-limited; the ends are held."""
+    n, pad = samples.size, min(samples.size, 64 + int(2.0 * abs(delay) / period))
+    spectrum, length = _spectrum_of_held(samples, pad)
+    turn = np.exp(-2j * math.pi * np.fft.rfftfreq(length, period) * delay)
+    return np.asarray(np.fft.irfft(spectrum * turn, length)[pad : pad + n])
+
+
+def between_samples(samples: Array, period: float) -> CubicSpline:
+    """Course of a signal up to half the sampling rate through its samples, held at the ends."""
+    pad = min(samples.size, 64)
+    spectrum, length = _spectrum_of_held(samples, pad)
+    fine = FINE * np.fft.irfft(spectrum, FINE * length)[: FINE * (samples.size + 2 * pad)]
+    return CubicSpline(period * (np.arange(fine.size) / FINE - pad), fine)
+
+
+def _spectrum_of_held(samples: Array, pad: int) -> tuple[NDArray[np.complex128], int]:
+    """Spectrum of samples whose ends are held and then joined by a ramp, and their number."""
+    held = np.concatenate([np.full(pad, samples[0]), samples, np.full(pad, samples[-1])])
+    length = 1 << held.size.bit_length()
+    held = np.concatenate([held, np.linspace(held[-1], held[0], length - held.size)])
+    return np.fft.rfft(held), length
+
+
 @functools.lru_cache(maxsize=256)
 def _low_pass(order: int, cutoff: float, rate: float) -> Array:
     return np.asarray(signal.butter(order, cutoff, fs=rate, output='sos'))
 
 
+def _filtered(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
+    order, both = filter_of(term)
+    if not 0.0 < cutoff < 0.5 * rate:
+        return samples
+    sections = _low_pass(order, cutoff, rate)
+    if both:
+        return np.asarray(signal.sosfiltfilt(sections, samples))
+    begin = signal.sosfilt_zi(sections) * np.median(samples)  # at rest before, if it was
+    return np.asarray(signal.sosfilt(sections, samples, zi=begin)[0])
+
+
+def _coupled(corner: float, samples: Array, rate: float) -> Array:
+    if not 0.0 < corner < 0.5 * rate:
+        return samples
+    b, a = signal.butter(1, corner, btype='high', fs=rate)
+    begin = -b[0] * np.median(samples)  # at rest before the first sample for long
+    return np.asarray(signal.lfilter(b, a, samples, zi=[begin])[0])
+
+
 def _hum(term: Term, values: Mapping[str, float], time: Array) -> Array:
     angle = 2.0 * math.pi * values[f'{term.label}.frequency'] * time
-    sine, cosine = values[f'{term.label}.sine'], values[f'{term.label}.cosine']
-    return np.asarray(sine * np.sin(angle) + cosine * np.cos(angle))
+    total = np.zeros(time.size)
+    for number in term.numbers:
+        part, _, order = number.name.partition('_')
+        if part == 'frequency':
+            continue
+        wave = np.sin if part == 'sine' else np.cos
+        total += values[f'{term.label}.{number.name}'] * wave(int(order or 1) * angle)
+    return total
 
 
 def passed_on(
@@ -79,6 +135,8 @@ def passed_on(
     values: Mapping[str, float],
     period: float,
     begin: float,
+    *,
+    beyond: Array | None = None,
 ) -> Array:
     """What a chain makes of samples, shape (n,), without its clock.
 
@@ -88,25 +146,19 @@ def passed_on(
         values: numbers by key.
         period: s between samples.
         begin: s after the recording's first sample.
+        beyond: what no low-pass touches, added behind it.
     """
     rate = 1.0 / period
     y = samples
     time: Array = period * np.arange(y.size, dtype=np.float64)
     if 'low_pass_filter' in parts:
         term = parts['low_pass_filter']
-        order, both = filter_of(term)
-        cutoff = values[f'{term.label}.cutoff']
-        if 0.0 < cutoff < 0.5 * rate:
-            sections = _low_pass(order, cutoff, rate)
-            if both:
-                y = signal.sosfiltfilt(sections, y)
-            else:
-                y = signal.sosfilt(sections, y, zi=signal.sosfilt_zi(sections) * y[0])[0]
+        y = _filtered(term, values[f'{term.label}.cutoff'], y, rate)
+    if beyond is not None:
+        y = y + beyond
     if 'ac_coupling' in parts:
-        corner = values[f'{parts["ac_coupling"].label}.corner']
-        if 0.0 < corner < 0.5 * rate:
-            b, a = signal.butter(1, corner, btype='high', fs=rate)
-            y = signal.lfilter(b, a, y, zi=[-b[0] * y[0]])[0]  # at rest before the first sample
+        term = parts['ac_coupling']
+        y = _coupled(values[f'{term.label}.corner'], y, rate)
     if 'offset' in parts:
         y = y + values[f'{parts["offset"].label}.value']
     if 'zero_drift' in parts:
@@ -119,154 +171,19 @@ def passed_on(
     return np.asarray(y)
 
 
-def output_terms(
-    channel: str, unit: str, rate: float, longest: float, noise: float, peak: float
-) -> list[Term]:
-    """Effects of the chain behind an output channel, with ladders of values to start from.
-
-    Args:
-        channel: its name.
-        unit: of its samples.
-        rate: samples a second.
-        longest: recording, s.
-        noise: standard deviation of a sample.
-        peak: largest sample.
-    """
-
-    def term(
-        name: str,
-        sentence: str,
-        equation: str,
-        test: str,
-        *numbers: Number,
-        variant: str = 'output',
-        amounts: tuple[str, ...] = (),
-        source: str = 'the measuring chain',
-    ) -> Term:
-        return Term(
-            name,
-            'measurement',
-            sentence,
-            equation,
-            source,
-            test,
-            numbers,
-            variant,
-            channel=channel,
-            output=True,
-            amounts=amounts,
-        )
-
-    slow = tuple(float(v) for v in np.geomspace(0.01 / longest, 0.004 * rate, 9))
-    cuts = tuple(float(v) for v in np.geomspace(60.0, 0.45 * rate, 9))
-    found = [
-        term(
-            'low_pass_filter',
-            f'A low-pass of order {order} that runs '
-            f'{"forwards and backwards" if kind == "zero" else "forwards"} stands in the channel.',
-            f'Butterworth of order {order}',
-            'a hard tap, beside an unfiltered channel',
-            Number('cutoff', 'Hz', cuts, 100.0, 5.0, 0.499 * rate),
-            variant=f'{kind}-{order}',
-            source='ISO 6487; SAE J211-1',
-        )
-        for order in ORDERS
-        for kind in ('causal', 'zero')
-    ]
-    found.append(
-        term(
-            'ac_coupling',
-            'The channel is AC coupled: slow signals fade.',
-            'first-order high-pass at the corner frequency',
-            'a load that stays',
-            Number('corner', 'Hz', slow, slow[0], 0.0, 0.25 * rate),
-            amounts=('corner',),
-        )
-    )
-    late = 0.2 / rate
-    stamp = Number('offset', 's', (late,), late, -0.02, 0.02)
-    found.append(
-        term(
-            'clock_error',
-            "The channel's clock is off: it comes late or early.",
-            'stamp = t + offset',
-            'a hard tap in both channels',
-            stamp,
-            amounts=('offset',),
-        )
-    )
-    found.append(
-        term(
-            'clock_error',
-            "The channel's clock is off and runs at another rate.",
-            'stamp = t (1 + drift) + offset',
-            'a hard tap in both channels at the beginning and at the end',
-            stamp,
-            Number('drift', '1', (1e-5, -1e-5), 1e-5, -CLOCKS, CLOCKS),
-            variant='output-drift',
-            amounts=('offset', 'drift'),
-        )
-    )
-    found.append(
-        term(
-            'clock_error',
-            "The channel's clock runs at another rate.",
-            'stamp = t (1 + drift)',
-            'a hard tap in both channels at the beginning and at the end',
-            Number('drift', '1', (1e-5,), 1e-5, -CLOCKS, CLOCKS),
-            variant='output-rate',
-            amounts=('drift',),
-        )
-    )
-    found.append(
-        term(
-            'offset',
-            'The channel has a constant offset.',
-            'y + value',
-            'the quiet before a blow',
-            Number('value', unit, (0.1 * noise,), 0.1 * noise),
-            amounts=('value',),
-        )
-    )
-    found.append(
-        term(
-            'zero_drift',
-            'The zero of the channel drifts.',
-            'y + r t',
-            'quiet before against quiet after a blow',
-            Number('rate', f'{unit}/s', (0.1 * noise / longest,), 0.1 * noise / longest),
-            amounts=('rate',),
-        )
-    )
-    for mains in MAINS:
-        near = tuple(mains + 0.25 * k / longest for k in range(-4, 5))
-        found.append(
-            term(
-                'mains_hum',
-                'Mains hum is added.',
-                'A sin(2 pi f t + phase)',
-                'the quiet before a blow: a line in the spectrum',
-                Number('sine', unit, (0.1 * noise,), 0.1 * noise),
-                Number('cosine', unit, (0.1 * noise,), 0.1 * noise),
-                Number('frequency', 'Hz', near, 0.1 / longest, 0.97 * mains, 1.03 * mains),
-                variant=f'output-{mains:g}Hz',
-                amounts=('sine', 'cosine'),
-            )
-        )
-    found.append(
-        term(
-            'saturation',
-            'The channel saturates: larger values are cut off.',
-            'clip to +-limit',
-            'the hardest blow: a flat top',
-            Number(
-                'limit',
-                unit,
-                tuple(peak * s for s in (0.999, 0.99, 0.97, 0.93, 0.85, 0.7)),
-                0.01 * peak,
-                0.0,
-                1.001 * peak,
-            ),
-        )
-    )
-    return found
+def power_passed(
+    terms: Sequence[Term], values: Mapping[str, float], frequency: Array, rate: float
+) -> Array:
+    """Share of the power that the filters among the effects let pass, by frequency, shape (n,)."""
+    share = np.ones(frequency.size)
+    for term in terms:
+        if term.name == 'low_pass_filter':
+            order, both = filter_of(term)
+            cutoff = values[f'{term.label}.cutoff']
+            if 0.0 < cutoff < 0.5 * rate:
+                _, h = signal.sosfreqz(_low_pass(order, cutoff, rate), frequency, fs=rate)
+                share *= np.abs(h) ** (4 if both else 2)
+        elif term.name == 'ac_coupling':
+            corner = values[f'{term.label}.corner']
+            share *= frequency**2 / (frequency**2 + corner**2 + 1e-300)
+    return share

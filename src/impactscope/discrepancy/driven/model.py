@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -16,7 +16,6 @@ from impactscope.discrepancy.driven.measuring import passed_on, retimed
 from impactscope.discrepancy.driven.mechanics import enter
 from impactscope.discrepancy.driven.oscillator import run, run_on_base
 from impactscope.discrepancy.driven.terms import Number, Term
-from impactscope.discrepancy.driven.whitening import Whitener
 
 __all__ = ['Model', 'OscillatorModel', 'Segment', 'inside_samples']
 
@@ -40,7 +39,9 @@ class Segment:
     derivative: int = 0  # 0: the output is a position, 1: a speed, 2: an acceleration
     state: tuple[float, float] = (0.0, 0.0)  # position and speed at the first sample
     noise: float = float('nan')  # stated standard deviation
-    whitener: Whitener | None = None  # what the fit applies to residuals; None: nothing
+    whitener: Callable[[Array], Array] | None = (
+        None  # what the fit applies to residuals; None: nothing
+    )
 
     @property
     def time(self) -> Array:

@@ -5,40 +5,30 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.discrepancy.driven.exact import NoiseJudge
+from impactscope.discrepancy.driven.case import Case
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.ladders import exact_terms
 from impactscope.discrepancy.driven.mechanics import Sizes
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment, inside_samples
+from impactscope.discrepancy.driven.noise_judge import NoiseJudge
+from impactscope.discrepancy.driven.plate_laws import plate_laws
 from impactscope.discrepancy.driven.recordings import Cut
 from impactscope.discrepancy.driven.terms import Term
 from impactscope.discrepancy.driven.whitening import HammerForce, hammer_force, whitener
+from impactscope.discrepancy.locate import Phase
 
-__all__ = ['Plate', 'plate_under_hammer', 'white_level']
+__all__ = ['plate_under_hammer', 'white_level']
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Plate:
-    """What the exact search works on."""
-
-    model: OscillatorModel
-    segments: list[Segment]
-    baseline: Fit
-    forces: tuple[HammerForce, ...]
-    judge: NoiseJudge
-    noise: float  # standard deviation of a sample of the output
-
-
 def plate_under_hammer(
     parts: Sequence[Cut], model: OscillatorModel, segments: Sequence[Segment], made: Fit
-) -> Plate | None:
+) -> Case | None:
     """The campaign as one in which the noise is all that a right model leaves; None if not.
 
     It may be one if the force is that of a hammer and there is one output. ``parts`` may be
@@ -83,11 +73,41 @@ def plate_under_hammer(
         float(np.sum(t * h.smooth_variance / (noise**2 + t * h.smooth_variance)))
         for t, h in zip(through, forces, strict=True)
     ]
-    judge = NoiseJudge(quiet, loud)
+    rate = parts[0].rate
+
+    def muffled(fitted: Fit) -> Sequence[float]:
+        smooth = _share_beyond(fitted, rate)
+        return [smooth * value for value in loud]
+
+    judge = NoiseJudge(quiet, muffled)
     full = dataclasses.replace(
         linear, terms=_terms(linear, quiet, made, forces, noise, parts[0]), _last={}
     )
-    return Plate(full, quiet, made, tuple(forces), judge, noise)
+    stretches = tuple(_phases(s, h) for s, h in zip(quiet, forces, strict=True))
+    return Case(full, quiet, made, judge, plate_laws, stretches, {parts[0].channel: noise})
+
+
+def _share_beyond(made: Fit, rate: float) -> float:
+    """Share of white noise that a fit's low-pass takes away; 0 without one."""
+    for term in made.terms:
+        if term.name == 'low_pass_filter':
+            return max(1.0 - 2.0 * made.values[f'{term.label}.cutoff'] / rate, 0.0)
+    return 0.0
+
+
+def _phases(segment: Segment, force: HammerForce) -> tuple[Phase, ...]:
+    """Before the first blow, each blow to its peak and from it, and the ring-downs."""
+    time = segment.time
+    end = float(time[-1])
+    begins = [float(time[first]) for first, _ in force.blows]
+    found = [Phase('before', float(time[0]), begins[0])]
+    for (first, last), after in zip(force.blows, [*begins[1:], end], strict=True):
+        peak = float(time[first + int(np.argmax(np.abs(force.force[first:last])))])
+        lost = float(time[min(last, time.size - 1)])
+        found.append(Phase('loading', float(time[first]), peak))
+        found.append(Phase('unloading', peak, lost))
+        found.append(Phase('ring_down', lost, float(after)))
+    return tuple(p for p in found if p.end > p.start)
 
 
 def _noise(parts: Sequence[Cut], segments: Sequence[Segment], made: Fit) -> float:

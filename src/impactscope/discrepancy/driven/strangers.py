@@ -2,11 +2,8 @@
 
 A weak effect from outside the library lifts chi-square by some tens among fifty thousand: no
 ratio shows it. So the residual is held against many laws that physics has and the vocabulary
-lacks: forces of position and speed, forces with a memory, stiffness that changes in time or from
-recording to recording, further modes, readings that are not straight, lines in the spectrum. Each
-acts as a small force on the fitted plate, whose linear answer is simulated and projected on what
-the model cannot re-tune. None of these laws is ever named as the finding; the strongest one
-describes what is left.
+lacks, each projected on what the model cannot re-tune, and against lines in the spectrum. None of
+these laws is ever named as the finding; the strongest one describes what is left.
 """
 
 from __future__ import annotations
@@ -17,21 +14,22 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, signal, stats
+from scipy import linalg, stats
 
-from impactscope.discrepancy.driven.exact import Tangent, innovations, tangent
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.noise_judge import innovations
+from impactscope.discrepancy.driven.tangent import Tangent, tangent
 
-__all__ = ['Stranger', 'Verdict', 'equivalent_gain', 'strangers', 'verdict']
+__all__ = ['Group', 'Laws', 'Stranger', 'Verdict', 'equivalent_gain', 'strangers', 'verdict']
 
 Array = NDArray[np.float64]
+Group = tuple[str, list[Array]]  # a law and the whitened changes that span it, each shape (n,)
+Laws = Callable[[Model, Fit, Sequence[Segment]], Iterator[Group]]
 
 LOOKS = 150  # independent laws, about
 FALSE = 0.002  # chance that something is called left where nothing is
 MARGIN = 10.0  # chi-square by which a law beyond the vocabulary must be the better explanation
-NEAR = 1e-12
-MODE_DAMPING = 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,150 +63,6 @@ def equivalent_gain(gain: float, numbers: int) -> float:
     return gain - (numbers - 1) * math.log(max(gain, math.e))
 
 
-class _Plate:
-    """Answer of the fitted plate to small forces, recording by recording."""
-
-    def __init__(self, model: Model, made: Fit, segments: Sequence[Segment]) -> None:
-        self.fitted = [i for i, s in enumerate(segments) if not s.held_out]
-        self.segments = segments
-        self.motions = []
-        for i in self.fitted:
-            x, v = model.motion(made.values, made.terms, made.starts[i], segments[i])
-            self.motions.append((x, v))
-        self.outputs = [segments[i].measured - made.residuals[i] for i in self.fitted]
-        mass, damping, stiffness = (made.values[n] for n in ('mass', 'damping', 'stiffness'))
-        first = segments[self.fitted[0]]
-        self.period = first.period
-        self.natural = math.sqrt(stiffness / mass)
-        self.position = max(float(np.max(np.abs(x))) for x, _ in self.motions) or 1.0
-        self.speed = max(float(np.max(np.abs(v))) for _, v in self.motions) or 1.0
-        self.longest = max(s.measured.size * s.period for s in segments)
-        rates = np.array([[0.0, 1.0], [-stiffness / mass, -damping / mass]])
-        push = np.array([[0.0], [1.0 / mass]])
-        shows = np.array([[1.0, 0.0], [0.0, 1.0], list(rates[1])])[[first.derivative]]
-        through = np.array([[1.0 / mass if first.derivative == 2 else 0.0]])
-        a, b, c, d, _ = signal.cont2discrete((rates, push, shows, through), self.period, 'foh')
-        self.above, self.below = signal.ss2tf(a, b, c, d)
-        self.above = self.above[0]
-
-    def answer(self, forces: Sequence[Array]) -> Array:
-        """Whitened output, shape (n,), of small forces that act on the plate."""
-        return self.output([signal.lfilter(self.above, self.below, f) for f in forces])
-
-    def output(self, changes: Sequence[Array]) -> Array:
-        """Whitened changes of the output, shape (n,)."""
-        pairs = zip(changes, self.fitted, strict=True)
-        return np.concatenate([innovations(self.segments[i], c) for c, i in pairs])
-
-    def of_motion(self, law: Callable[[Array, Array], Array]) -> Array:
-        """Answer to a force that is a law of position and speed over their largest values."""
-        return self.answer([law(x / self.position, v / self.speed) for x, v in self.motions])
-
-    def alone(self, shapes: Sequence[Array], *, force: bool) -> Iterator[Array]:
-        """One column for each recording, zero in the others."""
-        for k in range(len(shapes)):
-            parts = [s if j == k else np.zeros(s.size) for j, s in enumerate(shapes)]
-            yield self.answer(parts) if force else self.output(parts)
-
-
-_STATE: tuple[tuple[str, Callable[[Array, Array], Array]], ...] = (
-    ('a force with the square of the displacement', lambda x, v: x * x),  # noqa: ARG005
-    ('a force with x |x|', lambda x, v: x * np.abs(x)),  # noqa: ARG005
-    ('a force with the fifth power of the displacement', lambda x, v: x**5),  # noqa: ARG005
-    ('damping that depends on the direction', lambda x, v: np.abs(v)),  # noqa: ARG005
-    ('damping with the cube of the speed', lambda x, v: v**3),  # noqa: ARG005
-    ('damping with the root of the speed', lambda x, v: np.sign(v) * np.sqrt(np.abs(v))),  # noqa: ARG005
-    ('damping with |v|^1.5', lambda x, v: v * np.sqrt(np.abs(v))),  # noqa: ARG005
-    ('damping that changes with the displacement', lambda x, v: x * v),
-    ('damping that grows with the displacement', lambda x, v: np.abs(x) * v),
-    ('damping that grows with the square of the displacement', lambda x, v: x * x * v),
-    ('friction that grows with the displacement', lambda x, v: np.abs(x) * np.sign(v)),
-    ('friction that grows with its square', lambda x, v: x * x * np.sign(v)),
-    ('friction that grows to one side', lambda x, v: np.maximum(x, 0.0) * np.sign(v)),
-    ('stiffness that falls with the speed', lambda x, v: x * np.abs(v)),
-    ('stiffness that falls with the square of the speed', lambda x, v: x * v * v),
-    ('a spring that sets in with the root', lambda x, v: np.sign(x) * np.sqrt(np.abs(x))),  # noqa: ARG005
-)
-
-
-def _groups(p: _Plate) -> Iterator[tuple[str, list[Array]]]:
-    """Laws and their columns."""
-    for name, law in _STATE:
-        yield name, [p.of_motion(law)]
-    times: list[Array] = [p.period * np.arange(x.size, dtype=np.float64) for x, _ in p.motions]
-    xs, vs = [x for x, _ in p.motions], [v for _, v in p.motions]
-    each = list(p.alone(xs, force=True))
-    yield 'a stiffness that differs between recordings', each
-    yield 'a damping that differs between recordings', list(p.alone(vs, force=True))
-    yield (
-        'an offset that differs between recordings',
-        list(p.alone([np.ones(x.size) for x in xs], force=False)),
-    )
-    yield (
-        'a stiffness that changes in time',
-        [p.answer([x * t for x, t in zip(xs, times, strict=True)])],
-    )
-    yield (
-        'a damping that changes in time',
-        [p.answer([v * t for v, t in zip(vs, times, strict=True)])],
-    )
-    yield 'a reading that is not straight', [p.output([y * y for y in p.outputs])]
-    yield 'a reading that is not straight', [p.output([y**3 for y in p.outputs])]
-    yield from _swinging(p, xs, times)
-    yield from _memory(p, xs, vs)
-    yield from _modes(p)
-
-
-def _swinging(
-    p: _Plate, xs: Sequence[Array], times: Sequence[Array]
-) -> Iterator[tuple[str, list[Array]]]:
-    top = 2.5 * p.natural / (2.0 * math.pi)
-    step = max(0.7 / p.longest, top / 60.0)
-    for frequency in np.arange(0.5 * step, top, step):
-        turn = 2.0 * math.pi * frequency
-        yield (
-            f'a stiffness that swings at {frequency:.3g} Hz',
-            [
-                p.answer([x * wave(turn * t) for x, t in zip(xs, times, strict=True)])
-                for wave in (np.sin, np.cos)
-            ],
-        )
-
-
-def _memory(
-    p: _Plate, xs: Sequence[Array], vs: Sequence[Array]
-) -> Iterator[tuple[str, list[Array]]]:
-    for ratio in (0.03, 0.1, 0.3, 1.0, 3.0, 10.0):
-        keep = math.exp(-p.period * p.natural * ratio)
-        forces = [signal.lfilter([1.0 - keep], [1.0, -keep], v) for v in vs]
-        yield 'a force that relaxes', [p.answer(forces)]
-    length = 1 << (2 * max(x.size for x in xs) - 1).bit_length()
-    turn = 2j * math.pi * np.fft.rfftfreq(length, p.period) / p.natural
-    turn[0] = NEAR
-    for order in (0.25, 0.5, 0.75, 1.5):
-        spectra = [np.fft.rfft(x, length) * turn**order for x in xs]
-        forces = [np.fft.irfft(s, length)[: x.size] for s, x in zip(spectra, xs, strict=True)]
-        yield 'damping of fractional order', [p.answer(forces)]
-
-
-def _modes(p: _Plate) -> Iterator[tuple[str, list[Array]]]:
-    """Answers of a further mode to the force, and to the motion of the plate."""
-    for ratio in np.geomspace(0.1, 30.0, 28):
-        omega = ratio * p.natural
-        if omega * p.period > 2.0:
-            break
-        rates = np.array([[0.0, 1.0], [-(omega**2), -2.0 * MODE_DAMPING * omega]])
-        push, shows = np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
-        system = signal.cont2discrete((rates, push, shows, [[0.0]]), p.period, 'foh')
-        above, below = signal.ss2tf(*system[:4])
-        pulled = [signal.lfilter(above[0], below, y) for y in p.outputs]
-        rest = [np.gradient(y, p.period) for y in pulled]
-        yield (
-            f'a further mode at {omega / (2.0 * math.pi):.3g} Hz',
-            [p.answer(pulled), p.answer(rest)],
-        )
-
-
 def _line(residuals: Sequence[Array], period: float) -> Stranger | None:
     """The strongest line in the spectrum, at the same frequency in all recordings."""
     longest = max(r.size for r in residuals)
@@ -224,13 +78,15 @@ def _line(residuals: Sequence[Array], period: float) -> Stranger | None:
 
 
 def strangers(
-    model: Model, made: Fit, segments: Sequence[Segment], here: Tangent | None = None
+    laws: Laws,
+    model: Model,
+    made: Fit,
+    segments: Sequence[Segment],
 ) -> list[Stranger]:
     """Laws beyond the vocabulary by their worth beside a fit, the strongest first."""
-    here = tangent(model, made, segments) if here is None else here
-    plate = _Plate(model, made, segments)
+    here = tangent(model, made, segments)
     found: list[Stranger] = []
-    for law, columns in _groups(plate):
+    for law, columns in laws(model, made, segments):
         stack = np.stack(columns)
         size = np.linalg.norm(stack, axis=1)
         if not np.all(np.isfinite(size)) or not np.all(size > 0.0):
@@ -241,7 +97,7 @@ def strangers(
             found.append(Stranger(law, gain, rank, column if best else None))
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     whitened = [innovations(segments[i], made.residuals[i]) for i in fitted]
-    line = _line(whitened, plate.period)
+    line = _line(whitened, segments[0].period)
     if line is not None:
         found.append(line)
     return sorted(found, key=lambda s: -s.worth)
@@ -278,24 +134,38 @@ class Verdict:
 
 
 def verdict(
-    model: Model, baseline: Fit, best: Fit, gain: float, segments: Sequence[Segment]
+    laws: Laws,
+    model: Model,
+    baseline: Fit,
+    best: Fit,
+    gain: float,
+    segments: Sequence[Segment],
+    settled: Callable[[Fit], tuple[Fit, list[Segment]]] | None = None,
 ) -> Verdict:
     """Hold a search's outcome against laws beyond the vocabulary.
 
     Args:
-        model: of the plate.
+        laws: beyond the vocabulary.
+        model: that was searched.
         baseline: its fit.
         best: the fit that the search chose; may be the baseline.
         gain: fall of chi-square from one to the other on the fitted recordings.
         segments: of all recordings.
+        settled: gives a fit as it looks with an input as well known as may be.
     """
-    alone = strangers(model, baseline, segments)[0]
+
+    def sought(made: Fit) -> Stranger:
+        there = settled(made) if settled is not None else (made, segments)
+        return strangers(laws, model, *there)[0]
+
+    alone = sought(baseline)
     if best is baseline:
         left = alone.p_value < FALSE
         return Verdict(left, left, alone, 1.0 - alone.p_value if left else 0.0)
-    beside = strangers(model, best, segments)[0]
+    beside = sought(best)
     ahead = alone.worth - equivalent_gain(gain, best.added - baseline.added) - MARGIN
-    instead = ahead > 0.0 or (beside.p_value < FALSE and ahead > -MARGIN)
+    needed = beside.p_value < FALSE
+    instead = (ahead > 0.0 and beside.worth > MARGIN) or (needed and ahead > -MARGIN)
     left = instead or beside.p_value < FALSE
     chance = 1.0 / (1.0 + math.exp(-min(max(0.5 * ahead, -300.0), 300.0)))
     if left and not instead:

@@ -1,0 +1,79 @@
+"""A campaign in which noise is all that a right model leaves, ready for the exact search."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.noise_judge import NoiseJudge
+from impactscope.discrepancy.driven.strangers import Laws
+from impactscope.discrepancy.locate import Phase
+
+__all__ = ['Bands', 'Case', 'Settled', 'band_levels', 'throughout']
+
+Array = NDArray[np.float64]
+
+BANDS = 48
+Settled = Callable[[Fit], tuple[Fit, list[Segment]]]
+
+EVEN = 0.03  # relative difference of two levels from which noise is not white
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """What the exact search works on. ``phases`` by segment, ``noise`` by channel."""
+
+    model: Model
+    segments: list[Segment]
+    baseline: Fit
+    judge: NoiseJudge
+    laws: Laws
+    phases: tuple[tuple[Phase, ...], ...]
+    noise: Mapping[str, float]  # standard deviation of a sample
+    settled: Settled | None = None  # a fit as it looks with an input as well known as may be
+
+
+def throughout(segments: Sequence[Segment]) -> tuple[tuple[Phase, ...], ...]:
+    """Every recording as one phase without a name."""
+    return tuple((Phase('', float(s.time[0]), float(s.time[-1])),) for s in segments)
+
+
+@dataclass(frozen=True, slots=True)
+class Bands:
+    """Whitens noise of two levels, one below and one above a frequency."""
+
+    below: float  # standard deviation of a sample of white noise of that level
+    above: float
+    corner: float  # Hz
+    period: float  # s
+
+    def __call__(self, residual: Array) -> Array:
+        """A residual, shape (n,), in units of its noise."""
+        if abs(self.below - self.above) < EVEN * self.below:
+            return residual / self.below
+        spectrum = np.fft.rfft(residual)
+        frequency = np.fft.rfftfreq(residual.size, self.period)
+        level = np.where(frequency <= self.corner, self.below, self.above)
+        return np.asarray(np.fft.irfft(spectrum / level, residual.size))
+
+
+def band_levels(samples: Sequence[Array]) -> Array:
+    """Mean spectra of several recordings in even bands up to half the rate, shape (BANDS,).
+
+    As the variance that white noise of that level would have. By the median in each band, so that
+    lines do not count; a Hann window keeps strong slow signals out of the upper bands.
+    """
+    found = []
+    for x in samples:
+        window = np.hanning(x.size)
+        power = np.abs(np.fft.rfft((x - np.mean(x)) * window)) ** 2 / np.sum(window**2)
+        edges = np.linspace(1, power.size, BANDS + 1).astype(int)
+        pairs = itertools.pairwise(edges)
+        found.append([np.median(power[a : max(b, a + 1)]) / np.log(2.0) for a, b in pairs])
+    return np.asarray(np.mean(found, axis=0))

@@ -1,0 +1,109 @@
+"""Laws of a channel that the vocabulary lacks, as small changes of its samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.measuring import step_of
+from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.noise_judge import innovations
+from impactscope.discrepancy.driven.strangers import Group
+
+__all__ = ['channel_laws']
+
+Array = NDArray[np.float64]
+
+ECHOES = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233)  # samples
+RESONANCES = 16
+COARSE = 0.3  # of the noise: steps from which they look like other laws
+STAIRS = ('a step at zero', 'a dead band', 'a backlash')
+RATIO = 0.1  # damping ratio of a resonance
+MAINS = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
+
+
+def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator[Group]:  # noqa: ARG001
+    """Laws beyond the vocabulary, each with the whitened changes that span it, beside a fit."""
+    fitted = [i for i, s in enumerate(segments) if not s.held_out]
+    chosen = [segments[i] for i in fitted]
+    outputs = [segments[i].measured - made.residuals[i] for i in fitted]
+    largest = max(float(np.max(np.abs(y))) for y in outputs) or 1.0
+    outputs = [y / largest for y in outputs]
+    times: list[Array] = [s.period * np.arange(s.measured.size, dtype=np.float64) for s in chosen]
+
+    def column(parts: Sequence[Array]) -> Array:
+        pairs = zip(chosen, parts, strict=True)
+        return np.concatenate([innovations(s, p) for s, p in pairs])
+
+    def alone(parts: Sequence[Array]) -> list[Array]:
+        """One column for each recording, zero in the others."""
+        return [
+            column([p if j == k else np.zeros(p.size) for j, p in enumerate(parts)])
+            for k in range(len(parts))
+        ]
+
+    stepped = step_of(chosen[0].measured) > COARSE * chosen[0].noise
+    ones = [np.ones(y.size) for y in outputs]
+    for name, parts in (
+        ('a reading that is bent to one side', [y * y for y in outputs]),
+        ('a reading that is not straight', [y**3 for y in outputs]),
+        ('a reading that is not straight', [y * np.abs(y) for y in outputs]),
+        ('a reading that is not straight near its end', [y**7 for y in outputs]),
+        ('a gain that depends on the sign', [np.abs(y) for y in outputs]),
+        ('a step at zero', [np.sign(y) * (np.abs(y) > 0.003) for y in outputs]),
+        ('a dead band', [np.clip(y, -0.01, 0.01) for y in outputs]),
+        ('a dead band', [np.clip(y, -0.1, 0.1) for y in outputs]),
+        ('a gain that changes in time', [y * t for y, t in zip(outputs, times, strict=True)]),
+        ('a zero that runs off', [t**2 for t in times]),
+    ):
+        if not (stepped and name in STAIRS):
+            yield name, [column(parts)]
+    rates = [np.gradient(y) for y in outputs]
+    steep = max(float(np.max(np.abs(r))) for r in rates) or 1.0
+    for name, parts in (
+        ('a reading that lags by its direction', [np.abs(r) / steep for r in rates]),
+        ('a reading that is slow where it is steep', [r * np.abs(r) / steep**2 for r in rates]),
+        ('a backlash', [np.sign(r) * (np.abs(r) > 0.003 * steep) for r in rates]),
+    ):
+        yield name, [column(parts)]
+    if len(chosen) > 1:
+        yield 'a gain that differs between recordings', alone(outputs)
+        yield 'an offset that differs between recordings', alone(ones)
+        yield 'a drift that differs between recordings', alone(times)
+    for mains in MAINS:
+        if mains * chosen[0].period < 0.45:
+            yield (
+                f'a hum at {mains:g} Hz that swells',
+                [
+                    column([wave(2.0 * math.pi * mains * t) * t**k for t in times])
+                    for wave in (np.sin, np.cos)
+                    for k in (1, 2)
+                ],
+            )
+            yield (
+                f'a hum at {mains:g} Hz that differs between recordings',
+                [
+                    c
+                    for wave in (np.sin, np.cos)
+                    for c in alone([wave(2.0 * math.pi * mains * t) for t in times])
+                ],
+            )
+    for late in ECHOES:
+        echo = [np.concatenate([np.zeros(late), y[:-late]]) for y in outputs if y.size > late]
+        if len(echo) == len(outputs):
+            yield 'an echo', [column(echo)]
+    longest = max(float(t[-1]) for t in times)
+    for turn in np.geomspace(2.0 / longest, 0.4 / chosen[0].period, RESONANCES):
+        b, a = signal.bilinear(
+            [1.0, 0.0],
+            [1.0, 4.0 * math.pi * RATIO * turn, (2.0 * math.pi * turn) ** 2],
+            1.0 / chosen[0].period,
+        )
+        ringing = [signal.lfilter(b, a, y) for y in outputs]
+        rest = [np.gradient(y) for y in ringing]
+        yield f'a resonance or a notch near {turn:.3g} Hz', [column(ringing), column(rest)]

@@ -1,0 +1,236 @@
+"""From fits to findings: what was accepted, what else was tried, what cannot be told apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from impactscope.discrepancy.answer import Finding, ParameterEstimate
+from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.measuring import filter_of
+from impactscope.discrepancy.driven.strangers import Verdict
+from impactscope.discrepancy.driven.subject import Subject
+from impactscope.discrepancy.driven.terms import Term, key
+from impactscope.discrepancy.evidence import probabilities
+
+__all__ = ['STATED', 'findings_of', 'modal_finding', 'unknown_finding', 'wrong_parameters']
+
+STATED = (('stiffness', 'stiffness'), ('moving_mass', 'mass'))  # in campaigns and in fits
+APART = 0.3  # relative difference of two numbers that is to be excluded
+HINT = 4.0  # chi-square a number that makes a richer rival more than a possibility
+SUSPECT = 4.0  # standard uncertainties between a stated and a fitted number
+
+
+def unknown_finding(verdict: Verdict) -> Finding:
+    """What is not in the vocabulary, by the law that it resembles most."""
+    stranger = verdict.strongest
+    return Finding(
+        'unknown',
+        verdict.probability,
+        'unknown',
+        sentence=(
+            f'Something is missing that is not in the library; it goes like {stranger.law}.'
+        ),
+        source='laws beyond the library, each acting as a small force on the fitted plate',
+        evidence=stranger.gain,
+    )
+
+
+def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
+    """Accepted terms first, then what else was tried, by probability."""
+    fits = [s.outcome.best, *s.outcome.rivals]
+    for made in fits:
+        s.judge.weights(made)
+    if s.case is not None:
+        fits = _one_form_each(s, fits)
+    weight = probabilities([s.judge.criterion(f, s.outcome.baseline) for f in fits])
+    given = {t.name for t in s.outcome.baseline.terms}
+    best = {t.name for t in s.outcome.best.terms}
+    share: dict[str, float] = {}
+    source: dict[str, tuple[Term, Fit, float]] = {}
+    for made, p in zip(fits, weight, strict=True):
+        for term in made.terms:
+            if term.name in given:
+                continue
+            share[term.name] = share.get(term.name, 0.0) + p
+            if term.name not in source or p > source[term.name][2]:
+                source[term.name] = term, made, p
+    found = []
+    if s.verdict is not None:
+        share = {n: p * (1.0 - s.verdict.probability) for n, p in share.items()}
+    for term in new:
+        rivals = _confused(s, term.name, best, fits, weight)
+        found.append(_finding(s, term, s.outcome.best, share[term.name], rivals))
+    others = sorted((n for n in share if n not in best), key=lambda n: -share[n])
+    for name in others[:8]:
+        term, made, _ = source[name]
+        found.append(_finding(s, term, made, share[name], ()))
+    return found
+
+
+def _one_form_each(s: Subject, fits: Sequence[Fit]) -> list[Fit]:
+    """Of every set of effects the best form alone; the chosen fit first."""
+    ordered = sorted(fits[1:], key=lambda f: s.judge.criterion(f, s.outcome.baseline))
+    found = {frozenset(t.name for t in fits[0].terms): fits[0]}
+    for made in ordered:
+        found.setdefault(frozenset(t.name for t in made.terms), made)
+    return list(found.values())
+
+
+def _confused(
+    s: Subject, name: str, best: set[str], fits: Sequence[Fit], weight: Sequence[float]
+) -> tuple[str, ...]:
+    """Effects that stand in for one in models that are not excluded and need no more numbers."""
+    top = weight[0]
+    found: list[str] = []
+    for made, p in zip(fits, weight, strict=True):
+        names = {t.name for t in made.terms}
+        extra = made.added - s.outcome.best.added
+        if name in names or (extra > 0 and s.case is None):
+            continue
+        if extra > 0 and not _open(s, made):
+            continue
+        if extra <= 0 and p < s.judge.thresholds.confusable * top:
+            continue
+        found += [t.name for t in made.terms if t.name not in best]
+    return tuple(dict.fromkeys(found))
+
+
+def _open(s: Subject, made: Fit) -> bool:
+    """Whether a richer rival is more than a possibility that nothing speaks for.
+
+    Either chi-square hints at it, or what it has beyond the simpler law may well be large: a
+    friction that differs by direction, say, where the recordings cannot tell both ways apart.
+    """
+    gain = s.judge.gain(s.outcome.best, made).total
+    if gain > HINT * (made.added - s.outcome.best.added):
+        return True
+    if gain < -HINT:
+        return False
+    value, std = made.values, made.std
+    if 'asymmetric_friction.force_forward' in value:
+        ways = ('asymmetric_friction.force_forward', 'asymmetric_friction.force_backward')
+        scatter = math.hypot(*(std[w] for w in ways))
+        apart = abs(value[ways[0]] - value[ways[1]]) + 2.0 * scatter
+        return apart > APART * (value[ways[0]] + value[ways[1]])
+    if 'stribeck_friction.excess_force' in value:
+        excess, kinetic = 'stribeck_friction.excess_force', 'stribeck_friction.kinetic_force'
+        return value[excess] + 2.0 * std[excess] > value[kinetic]
+    return False
+
+
+def _finding(
+    s: Subject, term: Term, made: Fit, probability: float, rivals: tuple[str, ...]
+) -> Finding:
+    rest = [
+        f
+        for f in (s.outcome.baseline, s.outcome.best, *s.outcome.rivals)
+        if {t.label for t in f.terms} == {t.label for t in made.terms} - {term.label}
+    ]
+    gain = s.judge.gain(rest[0] if rest else s.outcome.baseline, made)
+    return Finding(
+        name=term.name,
+        probability=min(probability, 1.0),
+        subsystem=term.subsystem,
+        parameters=_parameters(term, made),
+        confused_with=rivals,
+        channel=term.channel,
+        sentence=term.sentence,
+        equation=term.equation,
+        source=term.source,
+        evidence=gain.fitted,
+        held_out_gain=gain.held_out if s.judge.has_held_out else math.nan,
+    )
+
+
+def _parameters(term: Term, made: Fit) -> dict[str, ParameterEstimate]:
+    found = {
+        n.name: ParameterEstimate(
+            made.values[key(term, n)], made.std.get(key(term, n), math.nan), n.unit
+        )
+        for n in term.numbers
+    }
+    if term.name == 'restoring_force' and 'stiffness' in made.values:
+        std = made.std.get('stiffness', math.nan)
+        found['stiffness'] = ParameterEstimate(made.values['stiffness'], std, '1/s^2')
+    if term.name == 'low_pass_filter':
+        order, both = filter_of(term)
+        found['order'] = ParameterEstimate(float(order), 0.0, '1')
+        found['zero_phase'] = ParameterEstimate(float(both), 0.0, 'bool')
+    if term.name == 'wrong_parameter':
+        excess = found.pop('excess')
+        found['name'] = ParameterEstimate('gain', 0.0, 'text')
+        found['ratio'] = ParameterEstimate(1.0 + float(excess.value), excess.std, '1')
+    if term.name == 'mains_hum':
+        for end in [n.name[4:] for n in term.numbers if n.name.startswith('sine')]:
+            sine, cosine = found[f'sine{end}'], found[f'cosine{end}']
+            size = math.hypot(float(sine.value), float(cosine.value))
+            std = math.hypot(sine.std, cosine.std) / math.sqrt(2.0)
+            found[f'amplitude{end}'] = ParameterEstimate(size, std, sine.unit)
+    if term.name == 'stribeck_friction':
+        kinetic, excess = found['kinetic_force'], found.pop('excess_force')
+        value = float(kinetic.value) + float(excess.value)
+        std = math.hypot(kinetic.std, excess.std)
+        found['static_force'] = ParameterEstimate(value, std, kinetic.unit)
+    return found
+
+
+def modal_finding(s: Subject) -> Finding:
+    """The modes that a structure has beyond its simulation."""
+    assert s.modes is not None  # noqa: S101 - called only then
+    parameters = {}
+    rows = zip(s.modes.frequencies, s.modes.damping_ratios, s.modes.std, strict=True)
+    for k, (frequency, ratio, (f_std, r_std)) in enumerate(rows, 1):
+        parameters[f'frequency_{k}'] = ParameterEstimate(frequency, f_std, 'Hz')
+        parameters[f'damping_ratio_{k}'] = ParameterEstimate(ratio, r_std, '1')
+    gain = s.judge.gain(s.outcome.baseline, s.modes.fit)
+    count = len(s.modes.frequencies)
+    return Finding(
+        'further_modes',
+        1.0,
+        'fixture',
+        parameters,
+        sentence=(
+            f'The structure is linear and has more modes than the simulation: {count} are seen. '
+            'No nonlinear effect on one mode explains as much.'
+        ),
+        equation='sum over modes of (b0 + b1 s) / (s^2 + 2 zeta w s + w^2)',
+        source='Ewins, Modal Testing (2000), ch. 2',
+        evidence=gain.fitted,
+        held_out_gain=gain.held_out if s.judge.has_held_out else math.nan,
+    )
+
+
+def wrong_parameters(s: Subject, final: Fit) -> list[Finding]:
+    """Numbers that the campaign states and the recordings contradict."""
+    found = []
+    values = s.outcome.best.values if s.modes is None else {}
+    channels = [s.segments[0].channel, str(s.campaign.bench.get('input', ''))]
+    for stated, fitted in STATED:
+        quantity = s.campaign.sensor.get(stated)
+        if quantity is None or not quantity.known or fitted not in values:
+            continue
+        value = values[fitted]
+        gains = [s.campaign.gain_std_of(c) for c in channels]
+        std = math.hypot(
+            quantity.std, s.outcome.best.std.get(fitted, 0.0), *(g * value for g in gains)
+        )
+        off = value - quantity.value
+        floor = 0.0 if s.case is not None else 0.005 * abs(quantity.value)
+        if abs(off) > SUSPECT * std + floor:
+            ratio = values[fitted] / quantity.value
+            found.append(
+                Finding(
+                    'wrong_parameter',
+                    1.0,
+                    'parameter',
+                    {
+                        'name': ParameterEstimate(stated, 0.0, 'text'),
+                        'ratio': ParameterEstimate(ratio, std / abs(quantity.value), '1'),
+                    },
+                    sentence=f'The stated {stated} is not that of the recordings.',
+                    equation=f'{stated} x {ratio:.4g}',
+                )
+            )
+    del final
+    return found

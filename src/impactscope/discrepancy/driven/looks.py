@@ -1,0 +1,152 @@
+"""The first look: every candidate from a ladder of start values, projected on what is left.
+
+Each is simulated once beside the baseline; what it could take away beside any other model follows
+by projection. Looking decides nothing but what is fitted.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.tangent import Tangent, change, tangent
+from impactscope.discrepancy.driven.terms import Term, key
+
+__all__ = ['HOPE', 'Look', 'Prospect', 'looks', 'prospects']
+
+Array = NDArray[np.float64]
+
+HOPE = 8.0  # chi-square below which the first look leaves a candidate alone
+
+
+@dataclass(frozen=True, slots=True)
+class Prospect:
+    """A start of a candidate and the chi-square that it promises."""
+
+    term: Term
+    initial: Mapping[str, float]
+    gain: float
+    other: Mapping[str, float] | None = None  # the next best start
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What a term does to the baseline's prediction from one start; rows (c, n) by amount."""
+
+    term: Term
+    start: Mapping[str, float]
+    rows: NDArray[np.float32]
+
+    def prospect(self, here: Tangent, plate: Mapping[str, float]) -> Prospect:
+        """What it could explain beside a fit, linearly."""
+        gain, factors = here.explained(self.rows.astype(np.float64))
+        found = dict(self.start)
+        amounts = [n for n in self.term.numbers if n.name in self.term.amounts]
+        if not amounts:
+            for n in self.term.numbers:
+                if f'/{n.name}' in self.term.amounts and factors[0] > 0.0:
+                    name = key(self.term, n)
+                    value = self.start[name] / float(np.clip(factors[0], 1e-2, 1e6))
+                    found[name] = min(max(value, n.lower + 1e-3 * n.scale), n.upper)
+                    found |= _on_soft_base(
+                        plate, found[name], found[f'{self.term.label}.frequency']
+                    )
+            return Prospect(self.term, found, gain if factors[0] > 0.0 else 0.0)
+        for n, factor in zip(amounts, factors, strict=True):
+            name = key(self.term, n)
+            value = self.start[name] * float(np.clip(factor, -1e3, 1e3))
+            if not n.lower <= value <= n.upper and len(amounts) == 1:
+                gain = 0.0
+            found[name] = min(max(value, n.lower + 1e-3 * n.scale), n.upper)
+        return Prospect(self.term, found, gain)
+
+
+def _on_soft_base(plate: Mapping[str, float], mass: float, frequency: float) -> dict[str, float]:
+    """The plate's stiffness that keeps its natural frequency on a base that gives way."""
+    load = plate['stiffness']  # mass of the plate times its natural frequency squared
+    natural = load / plate['mass']
+    base = mass * ((2.0 * math.pi * frequency) ** 2 - natural)
+    stiffer = load * base / (base - load) if base != load else load
+    return {'stiffness': stiffer} if stiffer > 0.0 else {}
+
+
+def looks(
+    model: Model, made: Fit, terms: Sequence[Term], segments: Sequence[Segment]
+) -> list[Look]:
+    """Every term from every start, simulated once beside the baseline.
+
+    Beside other models the same is taken: effects that are small against the motion add up.
+    """
+    found = []
+    for term in terms:
+        both = (*made.terms, term)
+        for start in _starts(term):
+            whole = change(model, made, both, {**made.values, **start}, segments)
+            if not np.all(np.isfinite(whole)) or float(whole @ whole) < 1e-12:
+                continue
+            rows = [whole]
+            amounts = [n for n in term.numbers if n.name in term.amounts]
+            if len(amounts) > 1:
+                rows = []
+                for n in amounts:
+                    half = {**made.values, **start, key(term, n): 0.5 * start[key(term, n)]}
+                    rows.append(2.0 * (whole - change(model, made, both, half, segments)))
+            found.append(Look(term, start, np.stack(rows).astype(np.float32)))
+    return found
+
+
+def prospects(
+    model: Model,
+    made: Fit,
+    candidates: Sequence[Look],
+    segments: Sequence[Segment],
+    here: Tangent | None = None,
+) -> list[Prospect]:
+    """The best start of every candidate, by the chi-square that it could take away."""
+    here = tangent(model, made, segments) if here is None else here
+    best: dict[str, list[Prospect]] = {}
+    for look in candidates:
+        best.setdefault(look.term.label, []).append(look.prospect(here, made.values))
+    found = []
+    for tried in best.values():
+        tried.sort(key=lambda p: -p.gain)
+        again = sorted((_again(model, made, p, here, segments) for p in tried[:2]), key=_gained)
+        other = again[0].initial if len(again) > 1 and again[0].gain > HOPE else None
+        found.append(dataclasses.replace(again[-1], other=other))
+    return sorted(found, key=lambda p: -p.gain)
+
+
+def _gained(prospect: Prospect) -> float:
+    return prospect.gain
+
+
+def _starts(term: Term) -> list[dict[str, float]]:
+    combined = itertools.product(*(n.starts for n in term.numbers))
+    return [
+        {key(term, n): v for n, v in zip(term.numbers, values, strict=True)} for values in combined
+    ]
+
+
+def _again(
+    model: Model, made: Fit, prospect: Prospect, here: Tangent, segments: Sequence[Segment]
+) -> Prospect:
+    """A promising start, simulated beside the fit itself."""
+    if prospect.gain < HOPE or not prospect.term.amounts:
+        return prospect
+    values = {**made.values, **prospect.initial}
+    effect = change(model, made, (*made.terms, prospect.term), values, segments)
+    if not np.all(np.isfinite(effect)):
+        return dataclasses.replace(prospect, gain=0.0)
+    taken = here.taken(effect)
+    if taken >= HOPE:
+        return dataclasses.replace(prospect, gain=taken)
+    # not straight in its amount: the fit has to find it
+    return dataclasses.replace(prospect, gain=0.5 * prospect.gain)

@@ -1,0 +1,97 @@
+"""Chi-square as the judge, where what a right model leaves is the sensor's noise alone.
+
+Every sample counts there, and the fall of chi-square is that of Wilks' theorem.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.driven.decide import Gain, Judge
+from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.model import Segment
+from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
+
+__all__ = ['NoiseJudge', 'innovations', 'reduced']
+
+Array = NDArray[np.float64]
+
+PRICE = 7.0  # chi-square that a further number must bring to be preferred
+LOOKS = 60  # independent candidates, about
+
+
+def innovations(segment: Segment, residual: Array) -> Array:
+    """A residual, whitened and in units of its noise, shape (n,)."""
+    assert segment.whitener is not None  # noqa: S101 - only such segments come here
+    return segment.whitener(residual)
+
+
+class NoiseJudge(Judge):
+    """Chi-square decides: residuals are the sensor's noise."""
+
+    def __init__(
+        self,
+        segments: Sequence[Segment],
+        muffled: Callable[[Fit], Sequence[float]] | None = None,
+        thresholds: Thresholds | None = None,
+    ) -> None:
+        """``muffled``: by segment, chi-square that a fit's filters take from the input's noise."""
+        super().__init__(segments, LOOKS, thresholds)
+        self.muffled = muffled
+        self._known: dict[int, tuple[float, ...]] = {}
+
+    def chi_squares(self, made: Fit) -> tuple[float, ...]:
+        """Chi-square of each segment.
+
+        A low-pass smooths the input's noise in the prediction, which is no merit of its own: what
+        that brings is added again.
+        """
+        if id(made) not in self._known:
+            parts = [innovations(s, r) for s, r in zip(self.segments, made.residuals, strict=True)]
+            lost = (0.0,) * len(parts) if self.muffled is None else self.muffled(made)
+            self._known[id(made)] = tuple(
+                float(p @ p) + float(more) for p, more in zip(parts, lost, strict=True)
+            )
+            self._keep.append(made)
+        return self._known[id(made)]
+
+    def weights(self, fit: Fit) -> tuple[float, ...]:  # noqa: ARG002
+        """Samples that count in each segment: all."""
+        return tuple(float(s.measured.size) for s in self.segments)
+
+    def gain(self, small: Fit, large: Fit, weights: Sequence[float] | None = None) -> Gain:  # noqa: ARG002
+        """Fall of chi-square from one fit to another."""
+        fitted = held_out = count = 0.0
+        pairs = zip(self.segments, self.chi_squares(small), self.chi_squares(large), strict=True)
+        for segment, before, after in pairs:
+            if segment.held_out:
+                held_out += before - after
+            else:
+                fitted += before - after
+                count += segment.measured.size
+        worse = held_out < -self.thresholds.held_out_loss - 0.1 * max(fitted, 0.0)
+        return Gain(fitted, held_out, worse, large.added - small.added, count)
+
+    def needed(self, gain: Gain) -> float:
+        """Gain from which the larger model is believed."""
+        return least_gain(max(gain.numbers, 1), self.looks, self.thresholds.false_finding)
+
+    def criterion(self, fit: Fit, reference: Fit) -> float:
+        """Minus the gain over a reference, and a price for every number: smaller is better."""
+        return -self.gain(reference, fit).total + PRICE * (fit.added - reference.added)
+
+    def p_value(self, small: Fit, large: Fit) -> float:
+        """Chance of such a gain where nothing is missing."""
+        gain = self.gain(small, large)
+        return family_p_value(max(gain.total, 0.0), max(gain.numbers, 1), self.looks)
+
+
+def reduced(judge: NoiseJudge, made: Fit) -> float:
+    """Chi-square of a fit over the number of samples, on the fitted recordings."""
+    pairs = zip(judge.segments, judge.chi_squares(made), strict=True)
+    rows = [(c, s.measured.size) for s, c in pairs if not s.held_out]
+    return math.fsum(c for c, _ in rows) / max(sum(n for _, n in rows), 1)

@@ -1,0 +1,79 @@
+"""What a fit can re-tune and what it cannot: its whitened residual and slopes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.driven.fitting import Fit, numbers_of
+from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.noise_judge import innovations
+from impactscope.discrepancy.driven.terms import Term
+
+__all__ = ['Tangent', 'change', 'tangent']
+
+Array = NDArray[np.float64]
+
+STEP = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tangent:
+    """A fit's whitened residual and what its numbers can re-tune, on the fitted recordings."""
+
+    residual: Array  # projected, shape (n,)
+    basis: Array  # orthonormal rows, shape (k, n)
+    slopes: Array  # of the prediction by the fit's numbers over their scales, shape (n, k)
+
+    def explained(self, columns: Array) -> tuple[float, Array]:
+        """Chi-square that columns, shape (c, n), could take away, and by which factors."""
+        seen = columns @ self.basis.T
+        gram = columns @ columns.T - seen @ seen.T
+        along = columns @ self.residual
+        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        factors = np.linalg.lstsq(gram / np.outer(size, size), along / size, rcond=1e-9)[0] / size
+        return float(factors @ along), np.asarray(factors)
+
+    def taken(self, column: Array) -> float:
+        """Chi-square that a change, shape (n,), takes away as it is."""
+        seen = self.basis @ column
+        return float(2.0 * (column @ self.residual) - column @ column + seen @ seen)
+
+
+def tangent(model: Model, made: Fit, segments: Sequence[Segment]) -> Tangent:
+    """Linear picture of a fit."""
+    fitted = [i for i, s in enumerate(segments) if not s.held_out]
+    residual = np.concatenate([innovations(segments[i], made.residuals[i]) for i in fitted])
+    columns = []
+    for name, number in numbers_of(model, made.terms):
+        step = STEP * number.scale
+        moved = {**made.values, name: made.values[name] + step}
+        columns.append(change(model, made, made.terms, moved, segments) / STEP)
+    if not columns:
+        none = np.zeros((residual.size, 0))
+        return Tangent(residual, none.T, none)
+    matrix = np.stack(columns, axis=1)
+    size = np.linalg.norm(matrix, axis=0)
+    u, s, _ = np.linalg.svd(matrix / np.where(size > 0.0, size, 1.0), full_matrices=False)
+    basis = np.ascontiguousarray(u[:, s > 1e-9 * s[0]].T)
+    return Tangent(residual - basis.T @ (basis @ residual), basis, matrix)
+
+
+def change(
+    model: Model,
+    made: Fit,
+    terms: tuple[Term, ...],
+    values: Mapping[str, float],
+    segments: Sequence[Segment],
+) -> Array:
+    """Whitened change of the prediction on the fitted recordings, shape (n,)."""
+    parts = []
+    for i, segment in enumerate(segments):
+        if segment.held_out:
+            continue
+        predicted = model.predict(values, terms, made.starts[i], segment)
+        parts.append(innovations(segment, predicted - (segment.measured - made.residuals[i])))
+    return np.concatenate(parts)
