@@ -58,6 +58,7 @@ def test_colcon_sees_an_ament_package(workspace):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)  # compiles every message
 def test_colcon_builds_it_and_the_command_runs(workspace):
     built = run(
         [

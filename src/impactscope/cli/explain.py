@@ -1,0 +1,91 @@
+"""``impactscope explain``: which physics a simulation leaves out."""
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from impactscope.cli.console import Bar, out
+from impactscope.cli.options import Json, Report
+
+if TYPE_CHECKING:
+    from impactscope.discrepancy.answer import Answer
+
+__all__ = ['explain']
+
+
+def explain(
+    campaign: Annotated[Path, typer.Argument(help='Folder with campaign.yaml and recordings.')],
+    json_file: Json = None,
+    report: Report = None,
+    save_model: Annotated[
+        Optional[Path],
+        typer.Option('--save-model', help='Write campaign.yaml anew, with what was found.'),
+    ] = None,
+) -> None:
+    """Say which physics the simulation leaves out: where it differs, what is missing, how sure.
+
+    The folder holds recordings and a campaign.yaml that says what stands on the bench and which
+    mechanisms the simulation has; docs/explain.md describes it. Exit code 0: answered, also
+    where nothing is missing.
+    """
+    from impactscope.campaign_files import explain_folder
+    from impactscope.campaign_files import save_model as save
+
+    with Bar(f'explaining {campaign.name}') as advance:
+        answer = explain_folder(campaign, advance.describe)
+    out.print(f'[bold]{escape(answer.summary())}[/bold]')
+    for finding in answer.ranking[:5]:
+        mark = 'found' if finding.name in answer.accepted else '     '
+        values = ', '.join(
+            f'{name} {_value_of(item.value, item.std)} {item.unit}'.rstrip()
+            for name, item in finding.parameters.items()
+        )
+        out.print(
+            f'  {mark} {finding.name}: probability {finding.probability:.3f}'
+            f'{escape("; " + values) if values else ""}'
+        )
+    _print_fit(answer)
+    for note in answer.notes:
+        out.print(f'note: {escape(note)}')
+    for test in answer.next_tests:
+        out.print(f'measure next: {escape(test)}')
+    if json_file is not None:
+        text = json.dumps(answer.to_json(), indent=1)
+        json_file.write_text(text + '\n', encoding='utf-8')
+        out.print(f'answer: [bold]{escape(str(json_file))}[/bold]')
+    if report is not None:
+        from impactscope.report.explain_report import write_explanation
+
+        write_explanation(answer, report)
+        out.print(f'report: [bold]{escape(str(report))}[/bold]')
+    if save_model is not None:
+        save(campaign, answer, save_model)
+        out.print(f'model: [bold]{escape(str(save_model))}[/bold]')
+
+
+def _value_of(value: float | str, std: float) -> str:
+    if isinstance(value, str):
+        return value
+    return f'{value:.4g}' if math.isnan(std) else f'{value:.4g} ± {2 * std:.2g}'
+
+
+def _print_fit(answer: 'Answer') -> None:
+    before, after = answer.fit.baseline, answer.fit.extended
+    if not before.rmse:
+        return
+    table = Table('channel', 'baseline', 'extended', 'held out: baseline', 'extended', 'noise')
+    for name in before.rmse:
+        cells = (
+            before.rmse.get(name, math.nan),
+            after.rmse.get(name, math.nan),
+            before.held_out_rmse.get(name, math.nan),
+            after.held_out_rmse.get(name, math.nan),
+            answer.fit.noise_floor.get(name, math.nan),
+        )
+        table.add_row(escape(name), *('-' if math.isnan(c) else f'{c:.3g}' for c in cells))
+    out.print(table)
