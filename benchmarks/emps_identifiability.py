@@ -13,13 +13,12 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import importlib.util
 import itertools
 import os
-import sys
+import runpy
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,15 +38,11 @@ STEP = 1e-4
 WANTED = 5.0  # mm
 
 
-def _campaigns() -> ModuleType:
-    path = Path(__file__).resolve().parents[1] / 'scripts' / 'real_machines.py'
-    spec = importlib.util.spec_from_file_location('make_real_machines', path)
-    if spec is None or spec.loader is None:
-        raise ImportError(str(path))
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+def campaigns(folder: Path, scratch: Path, machines: Sequence[str]) -> dict[str, Path]:
+    """Campaign folders of published measurements, by machine; what is not there is left out."""
+    script = Path(__file__).resolve().parents[1] / 'scripts' / 'real_machines.py'
+    made: dict[str, Path] = runpy.run_path(str(script))['make'](folder, scratch, tuple(machines))
+    return made
 
 
 def _slopes(model: OscillatorModel, terms: tuple[Term, ...], made: Fit, segment: Segment) -> Array:
@@ -136,7 +131,7 @@ def main(argv: list[str] | None = None) -> int:
         print('IMPACTSCOPE_DATA names no folder with the EMPS measurements: nothing done')
         return 0
     with tempfile.TemporaryDirectory() as scratch, single_threaded():
-        made = _campaigns().make(Path(folder), Path(scratch), ('emps',))
+        made = campaigns(Path(folder), Path(scratch), ('emps',))
         report(made['emps'], 30 if options.quick else 200)
     return 0
 

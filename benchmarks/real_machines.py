@@ -11,16 +11,15 @@ and of the friction damper, nothing at all to those of the others.
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import os
-import sys
 import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
+from emps_identifiability import campaigns
+from emps_identifiability import report as report_emps
 
 from impactscope.campaign_files import explain_folder
 from impactscope.discrepancy.answer import Answer, Trace
@@ -89,24 +88,6 @@ EXPECTED = {
 }
 
 
-def _campaigns() -> ModuleType:
-    return _module(Path(__file__).resolve().parents[1] / 'scripts' / 'real_machines.py')
-
-
-def _beside(name: str) -> ModuleType:
-    return _module(Path(__file__).with_name(f'{name}.py'))
-
-
-def _module(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f'real_machines_{path.stem}', path)
-    if spec is None or spec.loader is None:
-        raise ImportError(str(path))
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 def _error(trace: Trace, model: str, factor: float) -> float:
     error = float(np.sqrt(np.mean((trace.measured - getattr(trace, model)) ** 2)))
     return error * factor if factor else error / float(np.sqrt(np.mean(trace.measured**2)))
@@ -158,13 +139,13 @@ def main(argv: list[str] | None = None) -> int:
     names = tuple(options.machine or (QUICK if options.quick else EXPECTED))
     good = 0
     with tempfile.TemporaryDirectory() as scratch:
-        made = _campaigns().make(Path(folder), Path(scratch), names)
+        made = campaigns(Path(folder), Path(scratch), names)
         for name, path in made.items():
             begin = time.perf_counter()
             answer = explain_folder(path)
             good += report(name, answer, time.perf_counter() - begin)
             if name == 'emps':
-                _beside('emps_identifiability').report(path, 200)
+                report_emps(path, 200)
     print(f'\n{good} of {len(made)} machines: effect right and every figure reached')
     return 0
 

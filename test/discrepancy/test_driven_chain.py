@@ -1,0 +1,133 @@
+"""Chains between two channels that both have noise of their own."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from impactscope.discrepancy.campaign import ChannelSamples, parse_campaign
+from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.case import BANDS, Bands, band_levels
+from impactscope.discrepancy.driven.channel_effects import channel_terms
+from impactscope.discrepancy.driven.measuring import (
+    between_samples,
+    delayed,
+    passed_on,
+    power_passed,
+)
+
+RATE, SAMPLES = 4000.0, 2400
+INPUT_NOISE, OUTPUT_NOISE = 0.3, 0.1
+
+
+def blows(rng):
+    """A quantity that rests, is struck twice and rings, m/s^2."""
+    time = np.arange(SAMPLES) / RATE
+    y = np.zeros(SAMPLES)
+    for begin in (0.1, 0.35):
+        share = np.clip((time - begin) / rng.uniform(4e-3, 9e-3), 0.0, 1.0)
+        size = rng.uniform(60.0, 200.0)
+        y += size * np.sin(np.pi * share) ** 2
+        late = np.clip(time - begin - 4e-3, 0.0, None)
+        y += 0.3 * size * np.exp(-20.0 * late) * np.sin(2.0 * np.pi * 60.0 * late)
+    return y
+
+
+def campaign(seed, part=lambda x: x, after=lambda y: y):
+    """Four recordings; the noise of the input does not pass the chain."""
+    rng = np.random.default_rng(seed)
+    entries, channels = [], {}
+    for i in range(4):
+        true = blows(rng)
+        raw = true + INPUT_NOISE * rng.standard_normal(SAMPLES)
+        out = after(part(true) + OUTPUT_NOISE * rng.standard_normal(SAMPLES))
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == 3 else 'fit'})
+        channels[file] = {
+            name: ChannelSamples(name, 'm/s^2', RATE, 0.0, values)
+            for name, values in (('acceleration.raw', raw), ('acceleration.processed', out))
+        }
+    bench = {'kind': 'chain', 'input': 'acceleration.raw', 'output': 'acceleration.processed'}
+    data = {'version': 1, 'bench': bench, 'recordings': entries}
+    return parse_campaign(data).with_samples(channels.__getitem__)
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_noise_of_the_input_is_no_low_pass(seed):
+    """A low-pass of the input would lower the residual ninefold where there is no signal."""
+    answer = explain_driven(campaign(seed))
+    assert answer.accepted == ()
+    assert answer.mismatch.p_value > 3e-3
+
+
+def test_low_pass_between_noisy_channels():
+    sections = signal.butter(2, 400.0, fs=RATE, output='sos')
+    answer = explain_driven(campaign(3, lambda x: signal.sosfilt(sections, x)))
+    assert answer.accepted == ('low_pass_filter',)
+    cutoff = answer.ranking[0].parameters['cutoff']
+    assert abs(cutoff.value - 400.0) < 4.0 * cutoff.std + 2.0
+
+
+def test_gain_and_offset():
+    answer = explain_driven(campaign(4, lambda x: 1.01 * x + 0.05))
+    assert set(answer.accepted) == {'wrong_parameter', 'offset'}
+    gain = next(f for f in answer.ranking if f.name == 'wrong_parameter')
+    ratio = gain.parameters['ratio']
+    assert gain.parameters['name'].value == 'gain'
+    assert abs(ratio.value - 1.01) < 4.0 * ratio.std
+
+
+def test_hum_with_a_harmonic():
+    time = np.arange(SAMPLES) / RATE
+    hum = 0.05 * np.sin(2 * np.pi * 50.02 * time + 1.0) + 0.04 * np.sin(2 * np.pi * 100.04 * time)
+    answer = explain_driven(campaign(5, lambda x: x + hum))
+    assert answer.accepted == ('mains_hum',)
+    found = answer.ranking[0].parameters
+    for name, true in (('amplitude', 0.05), ('amplitude_2', 0.04)):
+        assert abs(found[name].value - true) < 4.0 * found[name].std
+
+
+def test_a_bent_scale_is_unknown():
+    answer = explain_driven(campaign(6, lambda x: x + 1e-4 * x * x))
+    assert answer.accepted == ('unknown',)
+
+
+@pytest.mark.parametrize('delay', [3.0, 0.37, -2.6])
+def test_delays_of_a_sine(delay):
+    time = np.arange(2000)
+    burst = np.exp(-(((time - 1000) / 100.0) ** 2))
+    wave = burst * np.sin(0.9 * np.pi * time)
+    expected = np.exp(-(((time - 1000 - delay) / 100.0) ** 2)) * np.sin(
+        0.9 * np.pi * (time - delay)
+    )
+    assert np.allclose(delayed(wave, delay, 1.0), expected, atol=1e-6)
+    inside = slice(10, -10)
+    course = between_samples(wave, 1.0)(time - delay)
+    assert np.allclose(course[inside], expected[inside], atol=2e-3)
+
+
+def test_whitening_of_two_levels():
+    rng = np.random.default_rng(7)
+    noise = rng.standard_normal(20000)
+    spectrum = np.fft.rfft(noise)
+    spectrum[np.fft.rfftfreq(noise.size, 1e-3) > 200.0] *= 3.0
+    white = Bands(1.0, 3.0, 200.0, 1e-3)(np.fft.irfft(spectrum, noise.size))
+    assert np.allclose(white, noise, atol=1e-9)
+    levels = band_levels([noise])
+    assert levels.shape == (BANDS,)
+    assert np.mean(levels) == pytest.approx(1.0, abs=0.05)
+
+
+def test_power_that_filters_let_pass():
+    """The analytic share against a sine that runs through the chain."""
+    terms = channel_terms('a', 'm/s^2', RATE, 1.0, 0.1, 10.0)
+    chosen = {
+        t.name: t for t in terms if t.label in ('low_pass_filter/zero-2', 'ac_coupling/output')
+    }
+    values = {'low_pass_filter/zero-2.cutoff': 300.0, 'ac_coupling/output.corner': 5.0}
+    time = np.arange(20000) / RATE
+    for frequency in (8.0, 100.0, 300.0, 500.0):
+        wave = np.sin(2 * np.pi * frequency * time)
+        out = passed_on(wave, chosen, values, 1.0 / RATE, 0.0)
+        share = np.mean(out[5000:15000] ** 2) / np.mean(wave[5000:15000] ** 2)
+        known = power_passed(list(chosen.values()), values, np.array([frequency]), RATE)[0]
+        assert share == pytest.approx(known, rel=0.02)
