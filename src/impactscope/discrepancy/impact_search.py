@@ -57,10 +57,12 @@ _FIRST = 0.012  # s after the onset from which fits grow
 _BEYOND = 1.15  # ratio of the window in which is looked to the one that was reached
 _DETOURS = 3
 _LOST = 2.0  # reduced chi-square above which a longer window tells nothing more
+_SHORTER = 0.8  # of the samples, that another structure must follow at least
 _TELLING = 4.0  # ratio of reduced chi-squares from which a structure is another
 _DOUBTED = 5  # candidates that are looked at again where what is left is no noise
 _CONFIRMED = 4  # candidates that are held against the held-out recordings
 _LEAST_GAIN = 9.0  # of chi-square, of such a candidate
+_WORTH = 6.0  # of chi-square, that a number less is worth
 _SOUND = 10.0  # times the chance from which what is left is no noise
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
 
@@ -139,6 +141,7 @@ class Search:
             if current.reduced > _LOST and not last:
                 break  # what comes later only amplifies what is not understood
             sound = current if current.reduced < _QUIET else None
+        current = self._simpler(current, outcome)
         doubted = outcome.final = self._doubted(current, outcome)
         self._backward(outcome)
         if outcome.final is not doubted:
@@ -175,7 +178,7 @@ class Search:
         best: tuple[Candidate, Fit, Fit] | None = None
         for candidate in (c for c in listed if not c.free):
             other = fit_baseline(candidate.extend(baseline.model))
-            if other.layout.size < baseline.layout.size:
+            if other.layout.size < _SHORTER * baseline.layout.size:
                 continue
             plain = dataclasses.replace(baseline.model, data=other.model.data)
             without = fit(plain, other.layout, baseline.x, iterations=12)
@@ -195,12 +198,13 @@ class Search:
 
     def _doubted(self, current: Fit, outcome: Outcome) -> Fit:
         """What is left is not noise: the candidate that makes it noise needs less evidence."""
-        while len(outcome.accepted) < _MOST:
+        while True:
             outcome.tests = adequacy(current)
             if outcome.tests.p_value > self.thresholds.inadequate:
                 break
             able = []
-            for item in outcome.last[:_DOUBTED]:
+            room = len(outcome.accepted) < _MOST
+            for item in outcome.last[:_DOUBTED] if room else ():
                 if item.gain > _LEAST_GAIN and item.candidate not in outcome.accepted:
                     chance = adequacy(item.fit, laws=False).p_value
                     if chance > _SOUND * self.thresholds.inadequate:
@@ -218,6 +222,37 @@ class Search:
             outcome.tests = None
         return current
 
+    def _simpler(self, current: Fit, outcome: Outcome) -> Fit:
+        """One candidate in place of several, where over the whole window it does as well.
+
+        In a short window a wrong number of the simulation may stand for what is missing, and the
+        next finding then for the difference.
+        """
+        if len(outcome.accepted) < 2 or any(not c.free for c in outcome.accepted):
+            return current
+        start = self._with(dataclasses.replace(outcome, final=current), [], current.layout)
+        listed = candidates(start, self.baseline_names)
+        found = self.judge(start, self.order(start, listed), len(listed), _AHEAD)
+        cost = sum(c.cost for c in outcome.accepted)
+        gain = (start.chi_square - current.chi_square) / max(1.0, current.reduced)
+        reached = information(-gain, cost, current.layout.size)
+        names = {c.name for c in outcome.accepted}
+        for item in found:
+            if (
+                item.criterion > reached
+                or item.fit.reduced > _QUIET
+                or item.candidate.name in names
+            ):
+                continue
+            outcome.accepted.clear()
+            outcome.accepted.append(item.candidate)
+            outcome.found[item.candidate.label] = item
+            outcome.rivals[item.candidate.label] = [f for f in found if f is not item]
+            outcome.p_value = min(outcome.p_value, item.p_value)
+            outcome.last = []
+            return item.fit
+        return current
+
     def _another_pair(self, current: Fit, outcome: Outcome) -> Fit:
         """A pair in place of all findings that do not explain the recordings.
 
@@ -226,23 +261,23 @@ class Search:
         if any(not c.free for c in outcome.accepted):
             return current
         start = self._with(dataclasses.replace(outcome, final=current), [], current.layout)
-        for window in (self.windows[0], self.windows[1]):
-            layout = _up_to(start, window)
-            near = fit(start.model, layout, start.x)
-            if near.reduced < 1.02:
-                continue
-            self.order(near, candidates(near, self.baseline_names))
+        allowed = self.thresholds.inadequate
+        numbers = sum(c.cost for c in outcome.accepted)
+        for window in (self.windows[0], outcome.window):
+            near = start if window == outcome.window else _near(start, window)
+            listed = candidates(near, self.baseline_names)
+            self.order(near, listed)
             residual, trials = self.tried
-            for pair in pairs(near, residual, trials, outcome.looks, self.thresholds.inadequate):
-                if pair.fit.reduced > _QUIET:
+            for pair in pairs(near, residual, trials, len(listed), allowed):
+                if pair.p_value > allowed or pair.fit.reduced > _QUIET:
                     continue
-                whole, reached = followed(pair.fit, window, renew=False)
-                if whole.layout.size < current.layout.size or reached < math.inf:
+                whole, _ = _grown(pair.fit, min(window, _FIRST), outcome.window)
+                if whole.layout.size < current.layout.size:
                     continue
-                if whole.chi_square > current.chi_square - _LEAST_GAIN:
+                fewer = numbers - sum(c.cost for c in pair.candidates)
+                if whole.chi_square > current.chi_square + _WORTH * fewer:
                     continue
-                chance = adequacy(whole, laws=False).p_value
-                if chance > _SOUND * self.thresholds.inadequate:
+                if adequacy(whole, laws=False).p_value > _SOUND * allowed:
                     outcome.accepted.clear()
                     outcome.tests = None
                     return self._take(dataclasses.replace(pair, fit=whole), [], outcome)
@@ -400,10 +435,13 @@ class Search:
         tried = [found for c in listed if (found := workbench.best(c))]
         self.tried = workbench.residual, [t for found in tried for t in found]
         tried.sort(key=lambda found: found[0].gain, reverse=True)
-        top = [
-            max((workbench.refined(workbench.scaled(t)) for t in found), key=lambda t: t.gain)
-            for found in tried[: 2 * _JOINT]
-        ]
+        top = []
+        for found in tried[: 2 * _JOINT]:
+            better = [workbench.refined(workbench.scaled(t)) for t in found]
+            best = max(better, key=lambda t: t.gain)
+            # at full strength bounces need more re-tuning than a linear one: what it was when
+            # weak counts, too
+            top.append(dataclasses.replace(best, gain=max(best.gain, found[0].gain)))
         top.sort(key=lambda t: t.gain, reverse=True)
         return top
 
@@ -642,6 +680,10 @@ def _grown(current: Fit, reached: float, window: float) -> tuple[Fit, float]:
     if direct.reduced < _QUIET * max(1.0, current.reduced):
         return direct, window
     return followed(current, reached, window, renew=False)
+
+
+def _near(found: Fit, window: float) -> Fit:
+    return fit(found.model, _up_to(found, window), found.x)
 
 
 def _renewed(current: Fit, outcome: Outcome) -> Fit:

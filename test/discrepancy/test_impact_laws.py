@@ -1,0 +1,85 @@
+"""Laws without a mechanism: forces along a motion, and what the bench makes of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy import impact_laws
+from impactscope.discrepancy.impact_adequacy import adequacy, law_instead
+from impactscope.discrepancy.impact_baseline import baseline_model
+from impactscope.discrepancy.impact_candidates import candidates
+from impactscope.discrepancy.impact_data import prepare
+from impactscope.discrepancy.impact_fit import at_point, fit
+from impactscope.discrepancy.impact_follow import fit_baseline
+from impactscope.discrepancy.impact_laws import law_forces, law_responses
+from impactscope.discrepancy.impact_model import ActiveEffect
+from impactscope.physics.twin.assembly import Effect
+
+
+@pytest.fixture(scope='module')
+def sound(make_campaign):
+    campaign = make_campaign(51)
+    return fit_baseline(baseline_model(campaign, prepare(campaign)))
+
+
+def test_forces_vanish_at_rest_and_follow_the_motion():
+    time = np.arange(4000) * 5e-4
+    rest = np.zeros(4000)
+    x = 1e-3 * np.sin(2 * np.pi * 32 * time)
+    v = 2 * np.pi * 32 * 1e-3 * np.cos(2 * np.pi * 32 * time)
+    for label, _, _, force in law_forces(rest, rest, time):
+        assert np.all(force == 0.0), label
+    forces = {label: force for label, number, _, force in law_forces(x, v, time) if not number}
+    assert len(forces) > 20
+    for label, force in forces.items():
+        assert np.isfinite(force).all(), label
+        if label.startswith(('damping with speed', 'fractional damping')):
+            assert np.mean(force * v) > 0.0, label  # they take energy
+    half = forces['fractional damping of order 0.5'][2000:3800]
+    omega = 2 * np.pi * 32
+    wanted = 0.01 * omega**0.5 * np.sin(omega * time[2000:3800] + np.pi / 4)
+    assert np.corrcoef(half, wanted)[0, 1] > 0.99
+
+
+def test_a_response_is_that_of_the_mechanism_with_the_same_law(sound, monkeypatch):
+    """The cubic spring is both: an effect of the twin, and a force along the motion."""
+    monkeypatch.setattr(
+        impact_laws, 'law_forces', lambda x, v, time: iter([('cubic', '', True, x**3)])
+    )
+    layout = sound.model.layout(sound.layout.blows, 0.1)
+    here = at_point(sound.model, layout, sound.x)
+    small = 1e6
+    model = sound.model.extended(
+        effects=[ActiveEffect('hardening_spring')], constants={'hardening_spring.cubic': small}
+    )
+    change = (model.residuals(sound.x, layout) - here.residuals)[: layout.size]
+    (law,) = law_responses(here)
+    np.testing.assert_allclose(
+        small * law.columns[:, 0], change, atol=0.03 * float(np.max(np.abs(change)))
+    )
+
+
+def test_noise_is_like_no_law(sound):
+    tests = adequacy(sound)
+    assert tests.p_values['laws'] > 0.01
+    assert 'laws' not in adequacy(sound, laws=False).p_values
+
+
+def test_a_finding_is_not_replaced_by_a_law_that_resembles_it(make_campaign):
+    campaign = make_campaign(52, [Effect('hardening_spring', {'cubic': 3e8})])
+    before = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    candidate = next(
+        c for c in candidates(before, campaign.baseline_names) if c.name == 'hardening_spring'
+    )
+    model = candidate.extend(before.model)
+    known = {**before.values, 'hardening_spring.cubic': 2e8}
+    after = fit(model, before.layout, np.array([f.to_inner(known[f.key]) for f in model.free]))
+    assert before.chi_square - after.chi_square > 50.0
+    assert law_instead(before, after, 1)[0] > 0.01
+    # but what explains little is
+    chance, law = law_instead(before, dataclasses.replace(before), 1)
+    assert chance < 1e-6
+    assert law.startswith('a spring')

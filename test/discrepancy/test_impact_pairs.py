@@ -1,0 +1,75 @@
+"""Pairs that hide each other, in closed form and on the bench."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact_candidates import Candidate, filters_like
+from impactscope.discrepancy.impact_pairs import _promising
+from impactscope.discrepancy.impact_workbench import Trial
+from impactscope.physics.twin.assembly import Effect
+
+
+def trial(name, signature, one_sided=False):
+    candidate = Candidate(name, name, 'guide')
+    return Trial(candidate, 0.0, None, np.zeros(0), signature, {}, one_sided)  # type: ignore[arg-type]
+
+
+def test_two_that_nearly_cancel_gain_together():
+    rng = np.random.default_rng(1)
+    basis = np.linalg.qr(rng.standard_normal((200, 3)))[0]
+    one = basis[:, 0]
+    other = -0.99 * basis[:, 0] + np.sqrt(1 - 0.99**2) * basis[:, 1]
+    residual = -(30.0 * one + 30.0 * other)  # residual is measured minus model
+    trials = [trial('a', one), trial('b', other), trial('c', basis[:, 2])]
+    (i, j, (first, second, gain)), *_ = _promising(residual, trials)
+    assert {i, j} == {0, 1}
+    assert first == pytest.approx(30.0)
+    assert second == pytest.approx(30.0)
+    assert gain == pytest.approx(float(residual @ residual))
+    alone = max(float(t.signature @ residual) ** 2 for t in trials)
+    assert alone < 0.02 * gain
+
+
+def test_a_strength_of_the_wrong_sign_is_no_pair():
+    basis = np.eye(4)[:, :2]
+    residual = np.array([5.0, -5.0, 0.0, 0.0])
+    free = [trial('a', basis[:, 0]), trial('b', basis[:, 1])]
+    bound = [trial('a', basis[:, 0], one_sided=True), trial('b', basis[:, 1])]
+    assert _promising(residual, free)
+    assert not _promising(residual, bound)
+
+
+def test_filters_of_one_delay_are_offered_for_a_late_clock():
+    clock = Candidate('late', 'clock_error', 'measurement', channel='force')
+    offered = list(filters_like(clock, {'clock_error:force.offset': 1e-3}, 10_000.0))
+    assert len(offered) == 8
+    delays = {
+        c.constants['low_pass_filter:force.order']: cutoff
+        for c, cutoff in offered
+        if not c.constants['low_pass_filter:force.zero_phase']
+    }
+    assert delays[1] == pytest.approx(1 / (2 * np.pi * 1e-3))
+    assert sorted(delays.values()) == [delays[order] for order in (1, 2, 3, 4)]
+    early = list(filters_like(clock, {'clock_error:force.offset': -1e-3}, 10_000.0))
+    assert all(c.constants['low_pass_filter:force.zero_phase'] for c, _ in early)
+
+
+@pytest.mark.slow
+def test_a_zero_phase_filter_of_first_order_is_named(make_campaign):
+    effect = Effect('low_pass_filter', {'cutoff': 400.0, 'order': 1, 'zero_phase': 1}, 'force')
+    answer = explain(make_campaign(53, [effect]))
+    assert answer.accepted == ('low_pass_filter',)
+    assert answer.ranking[0].parameters['zero_phase'].value == 1
+
+
+@pytest.mark.slow
+def test_two_effects_of_the_contact_are_both_found(make_campaign):
+    effects = [
+        Effect('velocity_squared_contact', {'coefficient': 8.0}),
+        Effect('stiffening_damper', {'coefficient': 15.0}),
+    ]
+    answer = explain(make_campaign(54, effects, orientation='horizontal'))
+    assert sorted(answer.accepted) == ['stiffening_damper', 'velocity_squared_contact']
