@@ -31,6 +31,9 @@ __all__ = [
 Array = NDArray[np.float64]
 
 COARSE = 40.0  # rounding errors of single precision that a step must exceed to be seen
+QUIET = 50  # the beginning is so many times shorter than the recording
+STILL = 0.05  # of the recording's spread: what varies less is at rest
+LOADED = 0.3  # of the recording's spread: a mean that is a load
 FINE = 8  # between samples, before a spline retimes a broad signal
 
 
@@ -93,6 +96,15 @@ def _spectrum_of_held(samples: Array, pad: int) -> tuple[NDArray[np.complex128],
     return np.fft.rfft(held), length
 
 
+def _before(samples: Array) -> float:
+    """Level before the first sample: that of a quiet beginning, else a load that stays, else 0."""
+    first = samples[: max(8, samples.size // QUIET)]
+    spread, level = float(np.std(samples)), float(np.mean(samples))
+    if float(np.std(first)) < STILL * spread:
+        return float(np.mean(first))
+    return level if abs(level) > LOADED * spread else 0.0
+
+
 @functools.lru_cache(maxsize=256)
 def _low_pass(order: int, cutoff: float, rate: float) -> Array:
     return np.asarray(signal.butter(order, cutoff, fs=rate, output='sos'))
@@ -105,7 +117,7 @@ def _filtered(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
     sections = _low_pass(order, cutoff, rate)
     if both:
         return np.asarray(signal.sosfiltfilt(sections, samples))
-    begin = signal.sosfilt_zi(sections) * np.median(samples)  # at rest before, if it was
+    begin = signal.sosfilt_zi(sections) * _before(samples)
     return np.asarray(signal.sosfilt(sections, samples, zi=begin)[0])
 
 
@@ -113,7 +125,7 @@ def _coupled(corner: float, samples: Array, rate: float) -> Array:
     if not 0.0 < corner < 0.5 * rate:
         return samples
     b, a = signal.butter(1, corner, btype='high', fs=rate)
-    begin = -b[0] * np.median(samples)  # at rest before the first sample for long
+    begin = -b[0] * _before(samples)  # and for long
     return np.asarray(signal.lfilter(b, a, samples, zi=[begin])[0])
 
 
