@@ -49,6 +49,16 @@ _RELATIVE_FLOOR = 2e-4  # of the value
 _TIME_FLOOR = 2e-7  # s, of the moment of a sample
 
 
+_WITHOUT = {
+    'force': 'stiffness and mass of the sensor are known in their ratio alone',
+    'acceleration.plate': 'taps are counted out by a presumed length, and friction at small '
+    'motions is hardly seen',
+    'acceleration.impactor': 'what happens in the contact and in the impactor is seen only '
+    'through the plate',
+    'acceleration.base': 'a fixture that gives way is seen only through the plate',
+}  # what cannot be told without a channel
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BinnedChannel:
     """One channel of one blow in bins; arrays over the bins, shape (n_bins,), unless said."""
@@ -146,6 +156,11 @@ def prepare(campaign: Campaign) -> CampaignData:
     for recording, onset in sorted(onsets, key=lambda item: item[0].role is Role.HOLD_OUT):
         swinging = recording.kind == 'pendulum' and campaign.orientation is Orientation.HORIZONTAL
         blows.append(_blow(recording, onset, noise, swinging, notes))
+    seen = {name for blow in blows for name in blow.channels}
+    struck = any(blow.recording.kind != 'tap' for blow in blows)
+    for name, lost in _WITHOUT.items():
+        if name not in seen and (struck or name != 'acceleration.impactor'):
+            notes.append(f'No recording has {name}: {lost}.')
     return CampaignData(tuple(blows), tuple(notes), noise)
 
 
