@@ -40,6 +40,7 @@ Progress = Callable[[float, str], None]
 _VISIBLE_STEP = 0.15  # of the noise, from which the converter's steps are coarse
 _STATED_TESTS = 4
 _AS_GOOD = 0.985  # of the evidence, of an explanation that is as good
+_NOT_MET = 100.0  # reduced chi-square of a blow that no start has met
 _WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
 
 _UNITS = {
@@ -143,7 +144,7 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
         held is not None
         and held.reduced > allowed  # quick to see, and never less than what follows
         and prediction_misfit(final, held) > allowed
-        and _missed_early(final, allowed)
+        and _missed_early(outcome, allowed)
     )
     if ratio <= thresholds.unexplained_ratio:
         if tests.p_value < thresholds.inadequate:
@@ -189,9 +190,20 @@ def _law_instead(outcome: Outcome) -> tuple[float, str]:
     return law_instead(outcome.baseline, outcome.final, cost)
 
 
-def _missed_early(final: Fit, allowed: float) -> bool:
-    """Whether a prediction is missed before many bounces have amplified what is small."""
+def _missed_early(outcome: Outcome, allowed: float) -> bool:
+    """Whether a prediction is missed before many bounces have amplified what is small.
+
+    A blow that is missed by far from its first contact on was not met by any start: that tells
+    nothing of the model where the fitted recordings leave only noise.
+    """
+    final = outcome.final
     held = held_out_fit(final, final.model.data.held_out, TESTED)
+    if held is not None and held.reduced > _NOT_MET and final.reduced < _WEAK:
+        outcome.notes.append(
+            'A held-out recording could not be met from its first contact on; its prediction '
+            'says nothing. Is it labelled rightly?'
+        )
+        return False
     return held is not None and prediction_misfit(final, held) > allowed
 
 
