@@ -24,23 +24,24 @@ from impactscope.discrepancy.evidence import (
     information,
     least_gain,
 )
-from impactscope.discrepancy.impact_adequacy import Adequacy, adequacy
+from impactscope.discrepancy.impact_adequacy import adequacy
 from impactscope.discrepancy.impact_candidates import Candidate, candidates, filters_like
 from impactscope.discrepancy.impact_fit import Fit, at_point, fit
 from impactscope.discrepancy.impact_follow import (
     fit_baseline,
     followed,
-    further_misfit,
-    held_out_fit,
     with_repeatability,
 )
+from impactscope.discrepancy.impact_held_out import check_held_out
 from impactscope.discrepancy.impact_model import Layout
+from impactscope.discrepancy.impact_outcome import QUIET, Found, Outcome, weigh, with_findings
 from impactscope.discrepancy.impact_pairs import Pair, pairs
+from impactscope.discrepancy.impact_pruning import prune
 from impactscope.discrepancy.impact_workbench import Trial, Workbench
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
-__all__ = ['Found', 'Outcome', 'Search']
+__all__ = ['Search']
 
 Array = NDArray[np.float64]
 
@@ -52,7 +53,6 @@ _MOST = 3  # findings
 _JOINT = 6  # candidates that are fitted jointly in a step
 _AHEAD = 3  # candidates that are fitted jointly where only the way is sought
 _BEAM = 2  # first steps that are followed when none explains the recordings
-_QUIET = 1.15  # reduced chi-square below which a short window holds nothing to look for
 _FIRST = 0.012  # s after the onset from which fits grow
 _BEYOND = 1.15  # ratio of the window in which is looked to the one that was reached
 _DETOURS = 3
@@ -60,42 +60,9 @@ _LOST = 2.0  # reduced chi-square above which a longer window tells nothing more
 _SHORTER = 0.8  # of the samples, that another structure must follow at least
 _TELLING = 4.0  # ratio of reduced chi-squares from which a structure is another
 _DOUBTED = 5  # candidates that are looked at again where what is left is no noise
-_CONFIRMED = 4  # candidates that are held against the held-out recordings
 _LEAST_GAIN = 9.0  # of chi-square, of such a candidate
 _WORTH = 6.0  # of chi-square, that a number less is worth
 _SOUND = 10.0  # times the chance from which what is left is no noise
-_CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Found:
-    """A candidate that was fitted jointly with all else."""
-
-    candidate: Candidate
-    fit: Fit
-    gain: float  # fall of chi-square, over the reduced chi-square that is left
-    p_value: float
-    criterion: float  # information criterion, less that of the model without the candidate
-
-
-@dataclass(eq=False)
-class Outcome:
-    """What the search came to."""
-
-    baseline: Fit
-    final: Fit
-    accepted: list[Candidate]
-    found: dict[str, Found] = field(default_factory=dict)  # label: the evidence for it
-    rivals: dict[str, list[Found]] = field(default_factory=dict)  # label: what else was fitted
-    last: list[Found] = field(default_factory=list)  # what was looked at and not accepted
-    p_value: float = 1.0
-    doubted: set[str] = field(default_factory=set)  # accepted because nothing else was noise
-    looks: int = 1
-    window: float = math.inf
-    tests: Adequacy | None = None  # of what the final model leaves
-    held_out_baseline: Fit | None = None
-    held_out_final: Fit | None = None
-    notes: list[str] = field(default_factory=list)
 
 
 def _silent(share: float, text: str) -> None:
@@ -134,16 +101,16 @@ class Search:
                 current = fit(grown.model, _up_to(grown, window), grown.x)
             last, reached = not waiting, window
             outcome.window = window
-            if current.reduced > _QUIET and outcome.accepted:
+            if current.reduced > QUIET and outcome.accepted:
                 current = self._reconsider(current, outcome, sound)
-            if last or current.reduced > _QUIET or window in _LOOKED:
+            if last or current.reduced > QUIET or window in _LOOKED:
                 current = self._forward(current, outcome, sound, last=last)
             if current.reduced > _LOST and not last:
                 break  # what comes later only amplifies what is not understood
-            sound = current if current.reduced < _QUIET else None
+            sound = current if current.reduced < QUIET else None
         current = self._simpler(current, outcome)
         doubted = outcome.final = self._doubted(current, outcome)
-        self._backward(outcome)
+        prune(outcome, self.thresholds, self.windows[1], self.progress)
         if outcome.final is not doubted:
             outcome.tests = None
         self._bare(outcome)
@@ -152,7 +119,7 @@ class Search:
     def _bare(self, outcome: Outcome) -> None:
         """The baseline over the final window; what it can do as well without is no finding."""
         final = outcome.final
-        outcome.baseline = self._with(outcome, [], final.layout)
+        outcome.baseline = with_findings(outcome, [], final.layout)
         if not outcome.accepted:
             return
         gain = (outcome.baseline.chi_square - final.chi_square) / max(1.0, final.reduced)
@@ -230,7 +197,7 @@ class Search:
         """
         if len(outcome.accepted) < 2 or any(not c.free for c in outcome.accepted):
             return current
-        start = self._with(dataclasses.replace(outcome, final=current), [], current.layout)
+        start = with_findings(dataclasses.replace(outcome, final=current), [], current.layout)
         listed = candidates(start, self.baseline_names)
         found = self.judge(start, self.order(start, listed), len(listed), _AHEAD)
         cost = sum(c.cost for c in outcome.accepted)
@@ -240,7 +207,7 @@ class Search:
         for item in found:
             if (
                 item.criterion > reached
-                or item.fit.reduced > _QUIET
+                or item.fit.reduced > QUIET
                 or item.candidate.name in names
             ):
                 continue
@@ -260,7 +227,7 @@ class Search:
         """
         if any(not c.free for c in outcome.accepted):
             return current
-        start = self._with(dataclasses.replace(outcome, final=current), [], current.layout)
+        start = with_findings(dataclasses.replace(outcome, final=current), [], current.layout)
         allowed = self.thresholds.inadequate
         numbers = sum(c.cost for c in outcome.accepted)
         for window in (self.windows[0], outcome.window):
@@ -269,7 +236,7 @@ class Search:
             self.order(near, listed)
             residual, trials = self.tried
             for pair in pairs(near, residual, trials, len(listed), allowed):
-                if pair.p_value > allowed or pair.fit.reduced > _QUIET:
+                if pair.p_value > allowed or pair.fit.reduced > QUIET:
                     continue
                 whole, _ = _grown(pair.fit, min(window, _FIRST), outcome.window)
                 if whole.layout.size < current.layout.size:
@@ -313,7 +280,7 @@ class Search:
             outcome.rivals[best.candidate.label] = [f for f in found if f is not best]
             outcome.p_value = min(outcome.p_value, best.p_value)
             current = best.fit
-            if current.reduced < _QUIET and not last:
+            if current.reduced < QUIET and not last:
                 break
         return current
 
@@ -451,7 +418,7 @@ class Search:
         """The most promising trials fitted jointly; the best by its criterion first."""
         found: list[Found] = []
         seen: dict[str, int] = {}
-        strong = current.reduced > _QUIET
+        strong = current.reduced > QUIET
         spread = max(1.0, current.reduced)
         top = trials[0].gain if trials else 0.0
         kin: set[str] = set()
@@ -505,169 +472,9 @@ class Search:
             found.append(weigh(candidate, joint, current, looks))
         return found
 
-    # --- backwards ---------------------------------------------------------------------------
-
-    def _backward(self, outcome: Outcome) -> None:
-        """Drop what is not needed once the others are there; swap what a close rival does better.
-
-        Decided in the shortest window that decides: where later contacts have amplified errors,
-        a model that lacks something cannot even be fitted.
-        """
-        done: set[str] = set()
-        while True:
-            left = [c for c in outcome.accepted if c.label not in done]
-            if not left:
-                break
-            candidate = left[-1] if len(left) == len(outcome.accepted) else left[0]
-            done.add(candidate.label)
-            self.progress(0.7 + 0.1 * len(done), f'without {candidate.label}')
-            rest = [c for c in outcome.accepted if c is not candidate]
-            kept = candidate.label in outcome.doubted
-            if rest and not kept and not self._needed(outcome, candidate, rest):
-                outcome.accepted.remove(candidate)
-                outcome.final = self._with(outcome, rest, outcome.final.layout)
-                continue
-            self._swap(outcome, candidate, rest)
-
-    def _needed(self, outcome: Outcome, candidate: Candidate, rest: list[Candidate]) -> bool:
-        blows = outcome.final.model.data.fitted
-        for window in sorted({self.windows[1], outcome.window}):
-            layout = outcome.final.model.layout(blows, window)
-            with_it = fit(outcome.final.model, layout, outcome.final.x, settled=0.1)
-            without = self._with(outcome, rest, layout)
-            item = weigh(candidate, with_it, without, outcome.looks)
-            outcome.found[candidate.label] = item
-            if item.p_value <= self.thresholds.false_finding:
-                return True
-        return False
-
-    def _swap(self, outcome: Outcome, candidate: Candidate, rest: list[Candidate]) -> None:
-        """Fit close rivals of a finding over the whole window, and let the best one stand."""
-        mine = outcome.found[candidate.label]
-        close = [
-            r
-            for r in outcome.rivals.get(candidate.label, [])
-            if r.criterion < mine.criterion + _CLOSE
-            and r.candidate.label not in {c.label for c in rest}
-        ]
-        layout = outcome.final.layout
-        refitted = []
-        for rival in close[:3]:
-            model = outcome.baseline.model
-            for chosen in (*rest, rival.candidate):
-                model = chosen.extend(model)
-            known = {**outcome.final.values, **rival.fit.values}
-            x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
-            try:
-                other = fit(model, layout, x, settled=0.1)
-            except ImpactscopeError:
-                continue
-            spread = max(1.0, min(other.reduced, outcome.final.reduced))
-            cost = (rival.candidate.cost - candidate.cost) * math.log(layout.size)
-            cost += rival.candidate.doubt - candidate.doubt
-            worse = (other.chi_square - outcome.final.chi_square) / spread
-            refitted.append(
-                Found(
-                    rival.candidate,
-                    other,
-                    mine.gain - worse,
-                    family_p_value(mine.gain - worse, rival.candidate.cost, outcome.looks),
-                    mine.criterion + worse + cost,
-                )
-            )
-        refitted.sort(key=lambda f: f.criterion)
-        outcome.rivals[candidate.label] = refitted
-        if refitted and refitted[0].criterion < mine.criterion - 0.5:
-            best = refitted[0]
-            place = outcome.accepted.index(candidate)
-            outcome.accepted[place] = best.candidate
-            outcome.final = best.fit
-            outcome.found[best.candidate.label] = best
-            outcome.rivals[best.candidate.label] = [mine, *refitted[1:]]
-
-    # --- held-out recordings -------------------------------------------------------------------
-
     def check(self, outcome: Outcome) -> None:
-        """Predict the held-out recordings: they may confirm a finding, or contradict it."""
-        held_out = outcome.final.model.data.held_out
-        outcome.held_out_baseline = held_out_fit(outcome.baseline, held_out, outcome.window)
-        outcome.held_out_final = outcome.held_out_baseline
-        if outcome.accepted:
-            outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
-        if outcome.held_out_final is None:
-            return
-        self._confirm(outcome)
-        while outcome.accepted:
-            before, after = outcome.held_out_baseline, outcome.held_out_final
-            if before is None or after is None:
-                return
-            worse = further_misfit((outcome.baseline, before), (outcome.final, after))
-            if worse <= self.thresholds.held_out_loss * max(1.0, after.reduced):
-                return
-            dropped = outcome.accepted.pop()
-            outcome.notes.append(
-                f'The held-out recordings contradict what the fitted ones suggest: with '
-                f'{dropped.label} chi-square rises by {worse:.1f}; it is not accepted.'
-            )
-            outcome.tests = None
-            if outcome.accepted:
-                outcome.final = self._with(outcome, outcome.accepted, outcome.final.layout)
-                outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
-            else:
-                outcome.final, outcome.held_out_final = outcome.baseline, before
-
-    def _confirm(self, outcome: Outcome) -> None:
-        """Accept what the fitted recordings only suggest where the held-out ones bear it out.
-
-        Nothing is fitted to these, so their chi-square counts in full beside that of the fit.
-        """
-        held_out = outcome.final.model.data.held_out
-        while len(outcome.accepted) < _MOST and outcome.held_out_final is not None:
-            able = []
-            for item in outcome.last[:_CONFIRMED]:
-                wanted = least_gain(
-                    item.candidate.cost, outcome.looks, self.thresholds.false_finding
-                )
-                beside = set(outcome.final.values) <= set(item.fit.values)
-                if item.gain < 0.3 * wanted or not beside:
-                    continue
-                if item.fit.layout.size != outcome.final.layout.size:
-                    continue
-                predicted = held_out_fit(item.fit, held_out, outcome.window)
-                if predicted is None:
-                    continue
-                worse = further_misfit(
-                    (outcome.final, outcome.held_out_final), (item.fit, predicted)
-                )
-                gain = item.gain - worse / max(1.0, predicted.reduced)
-                if worse < -1.0 and gain > wanted:
-                    able.append((item.criterion - gain + item.gain, gain, item, predicted))
-            if not able:
-                return
-            _, gain, best, predicted = min(able, key=lambda entry: entry[0])
-            chance = family_p_value(gain, best.candidate.cost, outcome.looks)
-            best = dataclasses.replace(best, gain=gain, p_value=chance)
-            outcome.accepted.append(best.candidate)
-            outcome.found[best.candidate.label] = best
-            outcome.rivals[best.candidate.label] = [
-                f for f in outcome.last if f.candidate is not best.candidate
-            ]
-            outcome.p_value = min(outcome.p_value, chance)
-            outcome.final, outcome.held_out_final = best.fit, predicted
-            outcome.tests, outcome.last = None, []
-
-    def _with(self, outcome: Outcome, chosen: Sequence[Candidate], layout: Layout) -> Fit:
-        """The baseline with some of the findings, fitted over a window."""
-        model = outcome.baseline.model
-        for candidate in chosen:
-            model = candidate.extend(model)
-        fits = []
-        for known in (outcome.final.values, outcome.baseline.values):
-            x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
-            fits.append(fit(model, layout, x, settled=0.1))
-            if fits[-1].reduced < _QUIET:
-                break
-        return min(fits, key=lambda f: f.chi_square)
+        """Let the held-out recordings judge; see :func:`check_held_out`."""
+        check_held_out(outcome, self.thresholds, _MOST)
 
 
 def _up_to(found: Fit, window: float) -> Layout:
@@ -677,7 +484,7 @@ def _up_to(found: Fit, window: float) -> Layout:
 def _grown(current: Fit, reached: float, window: float) -> tuple[Fit, float]:
     """A fit extended to a longer window, and the window to which it could be followed."""
     direct = fit(current.model, _up_to(current, window), current.x)
-    if direct.reduced < _QUIET * max(1.0, current.reduced):
+    if direct.reduced < QUIET * max(1.0, current.reduced):
         return direct, window
     return followed(current, reached, window, renew=False)
 
@@ -708,11 +515,3 @@ def _everywhere(joint: Fit, current: Fit) -> bool:
     wanted = share * float(np.sum(gain))
     # one standard deviation of the gain is twice its root
     return float(np.sum(gain[before])) > 0.5 * wanted - 2.0 * math.sqrt(max(wanted, 0.0))
-
-
-def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
-    """A joint fit against the model without the candidate."""
-    spread = max(1.0, joint.reduced)
-    gain = (current.chi_square - joint.chi_square) / spread
-    criterion = information(-gain, candidate.cost, joint.layout.size) + candidate.doubt
-    return Found(candidate, joint, gain, family_p_value(gain, candidate.cost, looks), criterion)

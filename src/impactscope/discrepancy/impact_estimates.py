@@ -1,0 +1,148 @@
+"""Fitted numbers as an answer states them, and as a new baseline keeps them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from impactscope.discrepancy.answer import ParameterEstimate
+from impactscope.discrepancy.campaign import Campaign
+from impactscope.discrepancy.impact_candidates import Candidate
+from impactscope.discrepancy.impact_fit import Fit
+from impactscope.discrepancy.impact_outcome import Outcome
+from impactscope.physics.mechanisms.registry import mechanism
+
+__all__ = ['estimates', 'fitted_numbers', 'saved_model', 'stated_value']
+
+_UNITS = {
+    'stiffness': 'N/m',
+    'moving_mass': 'kg',
+    'damping_ratio': '1',
+    'damping': 'N s/m',
+    'parallel_stiffness': 'N/m',
+    'restitution': '1',
+    'exponent': '1',
+    'rod_mass': 'kg',
+    'rod_length': 'm',
+    'contact_distance': 'm',
+    'mass_distance': 'm',
+    'angle': 'deg',
+    'time': 's',
+    'tap_peak': 'N',
+    'tap_duration': 's',
+    'impactor_mass': 'kg',
+    'speed': 'm/s',
+}
+
+
+def estimates(candidate: Candidate, fitted: Fit) -> dict[str, ParameterEstimate]:
+    """The numbers of a finding as the vocabulary names them, SI units."""
+    if candidate.name == 'wrong_parameter':
+        key = candidate.parameter.split('@')[0]
+        name = key.rsplit('.', 1)[-1] if not key.startswith('gain') else key
+        name = {'angle': 'release_angle_deg'}.get(name, name)
+        result = {'name': ParameterEstimate(name, math.nan, 'text')}
+        if candidate.free:
+            stated = stated_value(candidate)
+            value = fitted.values[candidate.free[0].key]
+            std = fitted.std(candidate.free[0].key)
+            result['ratio'] = ParameterEstimate(value / stated, std / abs(stated), '1')
+            result['value'] = ParameterEstimate(value, std, unit_of(candidate.parameter))
+        return result
+    values = fitted.values
+    result = {}
+    for parameter in mechanism(candidate.name).parameters:
+        key = f'{candidate.effects[0].tag}.{parameter.name}'
+        if key not in values:
+            continue
+        unit = _channel_unit(parameter.unit, candidate.channel, fitted)
+        result[parameter.name] = ParameterEstimate(values[key], fitted.std(key), unit)
+    if candidate.name == 'mains_hum':
+        tag = candidate.effects[0].tag
+        blows = fitted.model.data.fitted
+        size = [math.hypot(values[f'{tag}.sine@{i}'], values[f'{tag}.cosine@{i}']) for i in blows]
+        std = math.sqrt(sum(fitted.std(f'{tag}.sine@{i}') ** 2 for i in blows)) / len(blows)
+        unit = result['amplitude'].unit
+        result['amplitude'] = ParameterEstimate(float(np.mean(size)), std, unit)
+        result.pop('phase', None)
+    return result
+
+
+def stated_value(candidate: Candidate) -> float:
+    """Value of the baseline for a number that is wrong."""
+    number = candidate.free[0]
+    if candidate.amplitudes:
+        return float(candidate.amplitudes[number.key])
+    return number.start
+
+
+def fitted_numbers(fitted: Fit) -> dict[str, ParameterEstimate]:
+    """Every number that a fit has tuned; those of one blow with its recording's name."""
+    values = fitted.values
+    names = [b.name for b in fitted.model.data.blows]
+    covariance = np.sqrt(np.maximum(np.diag(fitted.covariance()), 0.0))
+    result = {}
+    for j, number in enumerate(fitted.model.free):
+        if number.blow is not None and number.blow not in fitted.layout.blow_spans:
+            continue
+        value = values[number.key]
+        std = float(covariance[j]) * (value if number.logarithmic else 1.0)
+        label = number.key
+        if number.blow is not None:
+            label = f'{number.key.split("@")[0]} of {names[number.blow]}'
+        result[label] = ParameterEstimate(value, std, unit_of(number.key))
+    return result
+
+
+def saved_model(
+    campaign: Campaign, outcome: Outcome, accepted: Sequence[Candidate]
+) -> dict[str, object]:
+    """The extended model as a new baseline of ``campaign.yaml``."""
+    values = outcome.final.values
+    baseline: list[object] = [
+        {'name': b.name, 'values': dict(b.values)} if b.values else b.name
+        for b in campaign.baseline
+    ]
+    for candidate in accepted:
+        if candidate.name == 'wrong_parameter':
+            continue
+        numbers = {
+            name: item.value
+            for name, item in estimates(candidate, outcome.final).items()
+            if not isinstance(item.value, str)
+        }
+        entry: dict[str, object] = {'name': candidate.name, 'values': numbers}
+        if candidate.channel:
+            entry['channel'] = candidate.channel
+        baseline.append(entry)
+    sensor = {
+        key.split('.', 1)[1]: {'value': values[key], 'std': outcome.final.std(key)}
+        for key in values
+        if key.startswith('sensor.')
+    }
+    corrected = {
+        c.parameter: values[c.free[0].key]
+        for c in accepted
+        if c.name == 'wrong_parameter' and c.free
+    }
+    return {'baseline': baseline, 'sensor': sensor, 'corrected': corrected}
+
+
+def _channel_unit(unit: str, channel: str, fitted: Fit) -> str:
+    if 'channel' not in unit:
+        return unit
+    for blow in fitted.model.data.blows:
+        if channel in blow.channels:
+            return unit.replace(
+                'of the channel per s', blow.channels[channel].unit + '/s'
+            ).replace('of the channel', blow.channels[channel].unit)
+    return unit
+
+
+def unit_of(key: str) -> str:
+    name = key.split('@')[0]
+    if name.startswith('gain'):
+        return '1'
+    return _UNITS.get(name.rsplit('.', 1)[-1], '')

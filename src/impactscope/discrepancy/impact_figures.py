@@ -1,0 +1,121 @@
+"""Before and after on an impact campaign: errors by channel, overlays, residuals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.answer import FitFigures, FitTable, Trace
+from impactscope.discrepancy.impact_data import CampaignData
+from impactscope.discrepancy.impact_fit import Fit
+from impactscope.discrepancy.impact_outcome import Outcome
+from impactscope.discrepancy.locate import Phase, Strip, phases
+from impactscope.physics.twin import layout as at
+
+__all__ = ['fit_table', 'pictures']
+
+Array = NDArray[np.float64]
+
+
+def fit_table(data: CampaignData, outcome: Outcome) -> FitTable:
+    """Errors of baseline and extended model, fitted and held out, beside the noise."""
+
+    def figures(fitted: Fit, held_out: Fit | None) -> FitFigures:
+        return FitFigures(
+            rmse=_rmse(fitted),
+            held_out_rmse={} if held_out is None else _rmse(held_out),
+            reduced_chi_square=fitted.reduced,
+            held_out_reduced_chi_square=math.nan if held_out is None else held_out.reduced,
+        )
+
+    return FitTable(
+        figures(outcome.baseline, outcome.held_out_baseline),
+        figures(outcome.final, outcome.held_out_final),
+        dict(data.noise),
+    )
+
+
+def pictures(outcome: Outcome) -> tuple[tuple[Trace, ...], list[Strip]]:
+    """Overlays for the page, and residuals for locating."""
+    traces: list[Trace] = []
+    strips: list[Strip] = []
+    for before, after, held_out in (
+        (outcome.baseline, outcome.final, False),
+        (outcome.held_out_baseline, outcome.held_out_final, True),
+    ):
+        if before is None or after is None:
+            continue
+        for i in after.layout.blows:
+            blow = after.model.data.blows[i]
+            old = before.model.predict(before.values, i)
+            new = after.model.predict(after.values, i)
+            rows = new.rows
+            spans = None
+            for name, channel in blow.channels.items():
+                mask = after.layout.masks[i, name]
+                where = blow.where[name]
+                same = rows.shape[0] == blow.times.size
+                x = rows[where, at.PLATE_POSITION].mean(axis=0) if same else np.zeros(mask.size)
+                v = rows[where, at.PLATE_VELOCITY].mean(axis=0) if same else np.zeros(mask.size)
+                if spans is None:
+                    spans = _phases(blow.recording.kind, channel.centres, x, after, i)
+                traces.append(
+                    Trace(
+                        blow.name,
+                        name,
+                        channel.unit,
+                        held_out,
+                        channel.noise,
+                        channel.centres[mask],
+                        channel.means[mask],
+                        old.means[name][mask],
+                        new.means[name][mask],
+                        x[mask],
+                        v[mask],
+                    )
+                )
+                std = channel.std[mask]
+                strips.append(
+                    Strip(
+                        blow.name,
+                        name,
+                        channel.centres[mask],
+                        (channel.means[mask] - old.means[name][mask]) / std,
+                        (channel.means[mask] - new.means[name][mask]) / std,
+                        x[mask],
+                        v[mask],
+                        spans,
+                    )
+                )
+    return tuple(traces), strips
+
+
+def _rmse(fitted: Fit) -> dict[str, float]:
+    """RMSE of each channel, as that of single samples: bins count by what they tell."""
+    squares: dict[str, list[float]] = {}
+    for (i, name), span in fitted.layout.spans.items():
+        residual = fitted.residuals[span]
+        noise = fitted.model.data.blows[i].channels[name].noise
+        total = squares.setdefault(name, [0.0, 0.0])
+        total[0] += noise**2 * float(residual @ residual)
+        total[1] += residual.size
+    return {name: math.sqrt(s / n) for name, (s, n) in squares.items() if n}
+
+
+def _phases(kind: str, time: Array, x: Array, after: Fit, i: int) -> tuple[Phase, ...]:
+    values = after.values
+    prediction = after.model.predict(values, i)
+    start = prediction.start
+    end = float(time[-1])
+    early = (time > start) & (time < start + 0.05)
+    peak = float(time[early][np.argmax(x[early])]) if early.any() else start + 0.01
+    if kind == 'tap':
+        lost = after.model.data.blows[i].settled
+        return phases(start, min(peak, 0.5 * (start + lost)), [(lost, False)], end)
+    contacts = [
+        (float(t), int(k) == at.CONTACT_BEGINS)
+        for t, k in zip(prediction.contacts, prediction.contact_kinds, strict=True)
+    ]
+    return phases(start, peak, contacts, end)

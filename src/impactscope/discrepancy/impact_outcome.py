@@ -1,0 +1,72 @@
+"""What a search on an impact campaign comes to: findings, their evidence, the fits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from impactscope.discrepancy.evidence import family_p_value, information
+from impactscope.discrepancy.impact_adequacy import Adequacy
+from impactscope.discrepancy.impact_candidates import Candidate
+from impactscope.discrepancy.impact_fit import Fit, fit
+from impactscope.discrepancy.impact_model import Layout
+
+__all__ = ['QUIET', 'Found', 'Outcome', 'weigh', 'with_findings']
+
+QUIET = 1.15  # reduced chi-square below which a short window holds nothing to look for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """A candidate that was fitted jointly with all else."""
+
+    candidate: Candidate
+    fit: Fit
+    gain: float  # fall of chi-square, over the reduced chi-square that is left
+    p_value: float
+    criterion: float  # information criterion, less that of the model without the candidate
+
+
+@dataclass(eq=False)
+class Outcome:
+    """What the search came to."""
+
+    baseline: Fit
+    final: Fit
+    accepted: list[Candidate]
+    found: dict[str, Found] = field(default_factory=dict)  # label: the evidence for it
+    rivals: dict[str, list[Found]] = field(default_factory=dict)  # label: what else was fitted
+    last: list[Found] = field(default_factory=list)  # what was looked at and not accepted
+    p_value: float = 1.0
+    doubted: set[str] = field(default_factory=set)  # accepted because nothing else was noise
+    looks: int = 1
+    window: float = math.inf
+    tests: Adequacy | None = None  # of what the final model leaves
+    held_out_baseline: Fit | None = None
+    held_out_final: Fit | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
+    """A joint fit against the model without the candidate."""
+    spread = max(1.0, joint.reduced)
+    gain = (current.chi_square - joint.chi_square) / spread
+    criterion = information(-gain, candidate.cost, joint.layout.size) + candidate.doubt
+    return Found(candidate, joint, gain, family_p_value(gain, candidate.cost, looks), criterion)
+
+
+def with_findings(outcome: Outcome, chosen: Sequence[Candidate], layout: Layout) -> Fit:
+    """The baseline with some of the findings, fitted over a window."""
+    model = outcome.baseline.model
+    for candidate in chosen:
+        model = candidate.extend(model)
+    fits = []
+    for known in (outcome.final.values, outcome.baseline.values):
+        x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
+        fits.append(fit(model, layout, x, settled=0.1))
+        if fits[-1].reduced < QUIET:
+            break
+    return min(fits, key=lambda f: f.chi_square)

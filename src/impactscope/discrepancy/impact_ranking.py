@@ -1,0 +1,160 @@
+"""Findings of the search on an impact campaign, with probabilities and what they resemble."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+from impactscope.discrepancy.answer import Finding, ParameterEstimate
+from impactscope.discrepancy.evidence import Thresholds, probabilities
+from impactscope.discrepancy.impact_candidates import Candidate
+from impactscope.discrepancy.impact_estimates import estimates, stated_value
+from impactscope.discrepancy.impact_fit import Fit
+from impactscope.discrepancy.impact_outcome import Found, Outcome
+from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
+
+__all__ = ['ranked', 'share_of_known', 'weaker']
+
+_AS_GOOD = 0.985  # of the evidence, of an explanation that is as good
+
+
+def ranked(outcome: Outcome, accepted: Sequence[Candidate]) -> list[Finding]:
+    """Every explanation that was fitted, with its probability among those that exclude it."""
+    thresholds = Thresholds()
+    first: list[Finding] = []
+    seen: set[str] = {c.label for c in accepted}
+    held = math.nan
+    if outcome.held_out_baseline is not None and outcome.held_out_final is not None:
+        held = outcome.held_out_baseline.chi_square - outcome.held_out_final.chi_square
+    later: list[Finding] = []
+    for candidate in accepted:
+        mine = outcome.found[candidate.label]
+        rivals = outcome.rivals.get(candidate.label, [])
+        shares = probabilities([0.0, mine.criterion, *(r.criterion for r in rivals)])
+        listed = _listed(mine.gain)
+        own, others = listed * shares[1], [listed * share for share in shares[2:]]
+        confused: dict[str, float] = {}
+        for rival, share in zip(rivals, others, strict=True):
+            name = rival.candidate.name
+            if name == candidate.name and rival.candidate.channel == candidate.channel:
+                own += share if name != 'wrong_parameter' else 0.0
+            elif share > thresholds.confusable * own or _nests(rival, mine) or _kin(rival, mine):
+                confused[name] = max(confused.get(name, 0.0), share)
+        finding = _finding(candidate, outcome.final, own, tuple(confused), mine, held)
+        first.append(_among_orders(finding, mine, rivals))
+        for rival, share in zip(rivals, others, strict=True):
+            if rival.candidate.label in seen or rival.candidate.name == candidate.name:
+                continue
+            seen.add(rival.candidate.label)
+            later.append(
+                _finding(rival.candidate, rival.fit, share, (candidate.name,), rival, math.nan)
+            )
+    if not accepted:
+        shares = probabilities([0.0, *(f.criterion for f in outcome.last)])[1:]
+        later += [
+            _finding(f.candidate, f.fit, share, (), f, math.nan)
+            for f, share in zip(outcome.last, shares, strict=True)
+        ]
+    later.sort(key=lambda f: -f.probability)
+    return [*first, *later]
+
+
+def share_of_known(outcome: Outcome, thresholds: Thresholds) -> float:
+    """Probability that a known mechanism explains after all what a test calls unexplained."""
+    if outcome.final.reduced > thresholds.unexplained_ratio:
+        return 0.1
+    chance = 1.0 if outcome.tests is None else outcome.tests.p_value
+    return 0.02 + 0.28 * min(1.0, chance / thresholds.inadequate)
+
+
+def weaker(finding: Finding, share: float) -> Finding:
+    """The same finding where its kind of explanation has only this probability."""
+    return dataclasses.replace(finding, probability=finding.probability * share)
+
+
+def _listed(gain: float) -> float:
+    """Probability that the truth is among what is known here, for a finding of that evidence.
+
+    A weak effect that nobody has listed looks like one that is.
+    """
+    return 0.97 - 0.2 * math.exp(-max(gain, 0.0) / 60.0)
+
+
+def _among_orders(finding: Finding, mine: Found, rivals: Sequence[Found]) -> Finding:
+    """A filter's cut-off with the uncertainty of its order, where the data leave that open."""
+    same = [
+        r
+        for r in rivals
+        if finding.name == 'low_pass_filter' == r.candidate.name
+        and finding.channel == r.candidate.channel
+    ]
+    if not same:
+        return finding
+    key = f'low_pass_filter:{finding.channel}.cutoff'
+    shares = probabilities([f.criterion for f in (mine, *same)])
+    stated = finding.parameters['cutoff']
+    cutoffs = [float(stated.value), *(r.fit.values[key] for r in same)]
+    spread = sum(p * (f - cutoffs[0]) ** 2 for p, f in zip(shares, cutoffs, strict=True))
+    cutoff = ParameterEstimate(stated.value, math.hypot(stated.std, math.sqrt(spread)), 'Hz')
+    return dataclasses.replace(finding, parameters={**finding.parameters, 'cutoff': cutoff})
+
+
+def _nests(rival: Found, mine: Found) -> bool:
+    """Whether a rival fits as well and only costs more numbers: the data cannot tell them."""
+    return rival.candidate.cost > mine.candidate.cost and rival.gain > mine.gain - 3.0
+
+
+def _kin(rival: Found, mine: Found) -> bool:
+    """Whether a filter explains what a delay does to within what simulations agree, or vice versa.
+
+    Which of the two it is hangs on the finest detail of the fastest samples.
+    """
+    one, other = mine.candidate, rival.candidate
+    if not one.channel or one.channel != other.channel:
+        return False
+    related = one.name in all_mechanisms() and other.name in mechanism(one.name).kin
+    return related and rival.gain > _AS_GOOD * mine.gain
+
+
+def _finding(
+    candidate: Candidate,
+    fitted: Fit,
+    probability: float,
+    confused: tuple[str, ...],
+    found: Found,
+    held_out_gain: float,
+) -> Finding:
+    if candidate.name == 'wrong_parameter':
+        sentence, equation, source = _wrong_sentence(candidate, fitted)
+    else:
+        effect = mechanism(candidate.name)
+        sentence, equation, source = effect.sentence, effect.equation, effect.source
+    return Finding(
+        name=candidate.name,
+        probability=probability,
+        subsystem=candidate.subsystem,
+        parameters=estimates(candidate, fitted),
+        confused_with=confused,
+        channel=candidate.channel,
+        recording=candidate.recording,
+        sentence=sentence,
+        equation=equation,
+        source=source,
+        evidence=found.gain,
+        held_out_gain=held_out_gain,
+    )
+
+
+def _wrong_sentence(candidate: Candidate, fitted: Fit) -> tuple[str, str, str]:
+    key = candidate.parameter.split('@')[0]
+    where = f' of {candidate.recording}' if candidate.recording else ''
+    if not candidate.free:
+        text = f'The {key} stated for the bench is wrong: the recordings fit the other one.'
+        return text, '', ''
+    value, stated = fitted.values[candidate.free[0].key], stated_value(candidate)
+    text = (
+        f'No physics is missing: {key}{where} is stated as {stated:.5g}, the recordings say '
+        f'{value:.5g}.'
+    )
+    return text, '', ''
