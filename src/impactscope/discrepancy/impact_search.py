@@ -513,5 +513,6 @@ def _everywhere(joint: Fit, current: Fit) -> bool:
     gain = old**2 - new**2
     share = float(np.sum(change[before])) / max(float(np.sum(change)), 1e-300)
     wanted = share * float(np.sum(gain))
-    # one standard deviation of the gain is twice its root
-    return float(np.sum(gain[before])) > 0.5 * wanted - 2.0 * math.sqrt(max(wanted, 0.0))
+    # one standard deviation of the gain is twice its root; a channel that is not compared before
+    # the blows (the impactor while it falls) cannot speak against
+    return float(np.sum(gain[before])) >= 0.5 * wanted - 2.0 * math.sqrt(max(wanted, 0.0))
