@@ -151,7 +151,8 @@ def whitened(samples: Mapping[str, Array], scenario: Scenario, blow: Blow) -> Ar
 
     What a speed that is ``REPEATABLE`` more or less would move counts as noise too, since every
     further contact amplifies it. No weight is carried by samples taken while a tap of unknown
-    course acts, nor by recordings that are held out: they judge, they are not fitted.
+    course acts or the impactor is let go and falls, nor by recordings that are held out: they
+    judge, they are not fitted.
     """
     return np.concatenate(
         [
@@ -174,6 +175,8 @@ def _weights(blow: Blow, channel: str, rate: float, noise: float) -> Array:
         first = math.floor((blow.start - 1e-3) * rate)
         weights[first : math.ceil((blow.start + blow.excited_until + 1e-3) * rate)] = 0.0
     if blow.kind == 'pendulum':
+        if channel == 'acceleration.impactor':  # how it was let go is not told
+            weights[: math.ceil(blow.start * rate)] = 0.0
         faster = replace(
             blow, bench=blow.bench._replace(speed=blow.bench.speed * (1 + REPEATABLE))
         )
