@@ -60,7 +60,7 @@ QUARTER = BANDS // 4
 
 @dataclass(frozen=True, eq=False)
 class ChainModel:
-    """A chain of parts; ``drive`` is the input: what filters see and what they do not, (2, n)."""
+    """A chain of parts; ``drive`` is the input: what filters see and what they do not."""
 
     numbers: tuple[Number, ...]
     terms: tuple[Term, ...]
@@ -85,27 +85,40 @@ class ChainModel:
         """Output channel, shape (n,)."""
         parts = {t.name: t for t in terms}
         gain = values.get('gain', 1.0)
+        seen, beyond = segment.drive[:2]
         if 'wrong_parameter' in parts:
-            gain *= 1.0 + values[f'{parts["wrong_parameter"].label}.excess']
-        seen, beyond = segment.drive
+            # of the quantity as both channels tell it: the input's noise would lower the gain
+            known = segment.drive[2] if len(segment.drive) > 2 else seen + beyond
+            seen = seen + values[f'{parts["wrong_parameter"].label}.excess'] * known
         if 'clock_error' in parts:
             clock = parts['clock_error'].label
             offset, drift = values.get(f'{clock}.offset', 0.0), values.get(f'{clock}.drift', 0.0)
-            seen, beyond = self._retimed(segment, offset, drift)
+            seen, beyond = self._retimed(segment, np.stack([seen, beyond]), offset, drift)
         seen, beyond = gain * seen, gain * beyond
-        return passed_on(seen, parts, values, segment.period, segment.begin, beyond=beyond)
+        return passed_on(
+            seen,
+            parts,
+            values,
+            segment.period,
+            segment.begin,
+            beyond=beyond,
+            measured=segment.measured,
+        )
 
-    def _retimed(self, segment: Segment, offset: float, drift: float) -> tuple[Array, Array]:
+    def _retimed(
+        self, segment: Segment, drive: Array, offset: float, drift: float
+    ) -> tuple[Array, Array]:
         """The input as a clock has it whose stamp is t (1 + drift) + offset."""
         if drift == 0.0:
             seen, beyond = (
                 delayed(part, offset, segment.period) if offset != 0.0 and np.any(part) else part
-                for part in segment.drive
+                for part in drive
             )
             return seen, beyond
-        if self._last.get(segment.recording, (None,))[0] is not segment.drive:
-            courses = [between_samples(part, segment.period) for part in segment.drive]
-            self._last[segment.recording] = segment.drive, courses
+        last = self._last.get(segment.recording)
+        if last is None or not np.array_equal(last[0], drive):
+            courses = [between_samples(part, segment.period) for part in drive]
+            self._last[segment.recording] = drive, courses
         time = segment.period * np.arange(segment.measured.size)
         place = np.clip((time - offset) / (1.0 + drift), 0.0, time[-1])
         seen, beyond = (np.asarray(c(place)) for c in self._last[segment.recording][1])
@@ -161,6 +174,7 @@ def linear_chain(cuts: Sequence[Cut]) -> tuple[ChainModel, list[Segment], Fit]:
         float(np.max(np.abs(output))) or 1.0,
         delays=(lag,) if lag != 0.0 else (),
         gain=same,
+        recordings=len(segments),
     )
     return ChainModel(numbers, tuple(terms)), segments, made
 
@@ -227,11 +241,12 @@ def chain_case(
     if not below > 0.0 or not above > 0.0:
         return None
     whitener = Bands(math.sqrt(below), math.sqrt(above), corner, segments[0].period)
+    between = 0.0 if passes else own
     if math.isinf(corner):
         own = 0.0
     sigma = math.sqrt(below)
     ready = [
-        dataclasses.replace(s, noise=sigma, whitener=whitener, drive=_split(s, corner))
+        dataclasses.replace(s, noise=sigma, whitener=whitener, drive=_split(s, corner, between))
         for s in segments
     ]
     judge = NoiseJudge(ready, _muffled(ready, own, corner))
@@ -261,7 +276,7 @@ def _settled(model: ChainModel, segments: Sequence[Segment], own: float) -> Sett
         gain = made.values.get('gain', 1.0)
         for i, s in enumerate(segments):
             assert isinstance(s.whitener, Bands)  # noqa: S101 - as made above
-            whole = s.drive.sum(axis=0) + share * made.residuals[i] / gain
+            whole = s.drive[:2].sum(axis=0) + share * made.residuals[i] / gain
             whitener = dataclasses.replace(
                 s.whitener,
                 below=(1.0 - share) * s.whitener.below,
@@ -286,11 +301,13 @@ def _own(expected: Sequence[Array], out: Sequence[Array], level: float) -> float
     The signal is in the prediction and in the output alike: the difference of their spectra is
     that of their noises, and the residual's level is the sum of these.
     """
-    differences = []
+    weights, differences = [], []
     for u, y in zip(expected, out, strict=True):
         quiet = np.argsort(u)[:QUARTER]
-        differences.append(np.mean(u[quiet] - y[quiet]))
-    return float(np.clip(0.5 * (1.0 + np.mean(differences) / level), 0.0, 1.0))
+        weights.append(1.0 / (u[quiet] + y[quiet] + level) ** 2)  # a loud band scatters more
+        differences.append(u[quiet] - y[quiet])
+    mean = np.average(np.concatenate(differences), weights=np.concatenate(weights))
+    return float(np.clip(0.5 * (1.0 + mean / level), 0.0, 1.0))
 
 
 def _white(model: ChainModel, found: Fit, segments: Sequence[Segment], top: int) -> bool:
@@ -372,17 +389,21 @@ def _passes(
     return gain > KNOWN and gain > SURE * math.sqrt(other / power / (2.0 * count))
 
 
-def _split(segment: Segment, corner: float) -> Array:
-    """Input below a frequency and the rest, shape (2, n)."""
+def _split(segment: Segment, corner: float, between: float = 0.0) -> Array:
+    """Input below a frequency, the rest, and the quantity as both channels tell it, (3, n).
+
+    ``between``: where the quantity lies on the way from the input to the output.
+    """
     whole = segment.drive[0] + segment.drive[1]
+    known = whole + between * (segment.measured - whole)
     if math.isinf(corner):
-        return np.stack([whole, np.zeros(whole.size)])
+        return np.stack([whole, np.zeros(whole.size), known])
     n = whole.size
     ramp = np.linspace(whole[0], whole[-1], n)  # so that the ends meet
     spectrum = np.fft.rfft(whole - ramp)
     spectrum[np.fft.rfftfreq(n, segment.period) <= corner] = 0.0
     above = np.fft.irfft(spectrum, n)
-    return np.stack([whole - above, above])
+    return np.stack([whole - above, above, known])
 
 
 def _muffled(

@@ -14,6 +14,7 @@ ORDERS = (1, 2, 3, 4, 6, 8)
 MAINS = (50.0, 60.0)  # Hz
 HARMONICS = (2, 3)
 CLOCKS = 1e-3  # largest drift of a clock that is looked for
+FADES = 0.003  # least corner times recording of a coupling with a memory of its own
 DELAY = 0.02  # s
 TAP = 'a hard tap in both channels'
 FLAT = (0.999, 0.99, 0.97, 0.93, 0.85, 0.7, 0.5)  # of the largest sample: where it may be cut off
@@ -33,6 +34,7 @@ def channel_terms(
     *,
     delays: Sequence[float] = (),
     gain: bool = False,
+    recordings: int = 1,
     tag: str = '',
 ) -> list[Term]:
     """Effects of the chain behind a channel.
@@ -46,6 +48,7 @@ def channel_terms(
         peak: largest sample.
         delays: s, from which a clock's offset is looked for besides.
         gain: whether a wrong gain would show.
+        recordings: their number, fitted and held out.
         tag: tells the effects of several channels apart.
     """
     mark = f'@{tag}' if tag else ''
@@ -57,6 +60,7 @@ def channel_terms(
         *numbers: Number,
         amounts: tuple[str, ...] = (),
         source: str = 'the measuring chain',
+        own: int = 0,
     ) -> Term:
         sentence, equation, test = words
         return Term(
@@ -71,6 +75,7 @@ def channel_terms(
             channel=channel,
             output=True,
             amounts=amounts,
+            own=own,
         )
 
     slow = _ladder(0.01 / longest, 0.004 * rate, 9)
@@ -102,6 +107,9 @@ def channel_terms(
         'a load that stays',
     )
     found.append(term('ac_coupling', 'output', coupled, corner, amounts=('corner',)))
+    fast = tuple(sorted({max(c, FADES / longest) for c in slow}))
+    running = Number('corner', 'Hz', fast, fast[0], FADES / longest, 0.25 * rate)
+    found.append(term('ac_coupling', 'output-running', coupled, running, own=recordings))
     found.append(
         term(
             'clock_error',
@@ -163,11 +171,7 @@ def channel_terms(
             line = Number('frequency', 'Hz', near, 0.1 / longest, 0.97 * mains, 1.03 * mains)
             orders = ('', *(f'_{k}' for k in HARMONICS if k * mains < 0.45 * rate))
             for several in (False, True) if len(orders) > 1 else (False,):
-                names = [
-                    f'{part}{k}'
-                    for k in (orders if several else orders[:1])
-                    for part in ('sine', 'cosine')
-                ]
+                names = [f'amplitude{k}' for k in (orders if several else orders[:1])]
                 found.append(
                     term(
                         'mains_hum',
@@ -177,9 +181,10 @@ def channel_terms(
                             'A sin(2 pi f t + phase)' + (' and multiples' if several else ''),
                             'the quiet before a blow: a line in the spectrum',
                         ),
-                        *(Number(n, unit, (small,), small) for n in names),
+                        *(Number(n, unit, (small,), small, 0.0) for n in names),
                         line,
                         amounts=tuple(names),
+                        own=recordings * len(names),
                     )
                 )
     found.append(

@@ -161,12 +161,6 @@ def _parameters(term: Term, made: Fit) -> dict[str, ParameterEstimate]:
         excess = found.pop('excess')
         found['name'] = ParameterEstimate('gain', 0.0, 'text')
         found['ratio'] = ParameterEstimate(1.0 + float(excess.value), excess.std, '1')
-    if term.name == 'mains_hum':
-        for end in [n.name[4:] for n in term.numbers if n.name.startswith('sine')]:
-            sine, cosine = found[f'sine{end}'], found[f'cosine{end}']
-            size = math.hypot(float(sine.value), float(cosine.value))
-            std = math.hypot(sine.std, cosine.std) / math.sqrt(2.0)
-            found[f'amplitude{end}'] = ParameterEstimate(size, std, sine.unit)
     if term.name == 'stribeck_friction':
         kinetic, excess = found['kinetic_force'], found.pop('excess_force')
         value = float(kinetic.value) + float(excess.value)

@@ -47,6 +47,7 @@ class Fit:
     label: str = ''
     evaluations: int = 0
     cost: float = 0.0  # sum of squares as the fit counts it
+    own: int = 0  # of the added numbers those that single recordings have of their own
 
     def rms(self, segment: int) -> float:
         """Root mean square of one segment's residual, in the channel's unit."""
@@ -212,8 +213,11 @@ def fit(
     left = np.concatenate([weights[i] * counted(model, residuals[i], segments[i]) for i in fitted])
     spread = _scatter(slopes, left, white=known)
     std = {k: float(spread[j] * n.scale) for j, (k, n) in enumerate(shared)}
-    added = sum(len(t.numbers) for t in terms)
-    return Fit(terms, values, std, tuple(begins), tuple(residuals), added, evaluations=spent)
+    mine = sum(t.own for t in terms)
+    added = sum(len(t.numbers) for t in terms) + mine
+    return Fit(
+        terms, values, std, tuple(begins), tuple(residuals), added, evaluations=spent, own=mine
+    )
 
 
 def _own_beginning(

@@ -44,6 +44,7 @@ def exact_terms(
     longest: float,
     noise: float,
     peak: float,
+    recordings: int = 1,
 ) -> tuple[Term, ...]:
     """Candidates of the vocabulary.
 
@@ -55,6 +56,7 @@ def exact_terms(
         longest: recording, s.
         noise: standard deviation of the output's noise.
         peak: largest sample of the output.
+        recordings: their number.
     """
     mass, _, stiffness = plate
     x, v = sizes.position, sizes.speed
@@ -142,4 +144,4 @@ def exact_terms(
             amounts=('/mass',),
         )
     )
-    return (*found, *channel_terms(*output, rate, longest, noise, peak))
+    return (*found, *channel_terms(*output, rate, longest, noise, peak, recordings=recordings))

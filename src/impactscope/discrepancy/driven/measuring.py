@@ -34,6 +34,7 @@ COARSE = 40.0  # rounding errors of single precision that a step must exceed to 
 QUIET = 50  # the beginning is so many times shorter than the recording
 STILL = 0.05  # of the recording's spread: what varies less is at rest
 LOADED = 0.3  # of the recording's spread: a mean that is a load
+NEARLY = 0.98  # of a limit: from here on a sample may be cut off
 FINE = 8  # between samples, before a spline retimes a broad signal
 
 
@@ -129,16 +130,32 @@ def _coupled(corner: float, samples: Array, rate: float) -> Array:
     return np.asarray(signal.lfilter(b, a, samples, zi=[begin])[0])
 
 
-def _hum(term: Term, values: Mapping[str, float], time: Array) -> Array:
+def _hum(term: Term, values: Mapping[str, float], time: Array, rest: Array) -> Array:
+    """Hum of the phase that goes best with what else is left, shape (n,).
+
+    Recordings begin at any moment and the grid wanders: each has a phase of its own, for which
+    the best is taken at once (variable projection; Golub and Pereyra, Inverse Problems 19 (2003)).
+    """
     angle = 2.0 * math.pi * values[f'{term.label}.frequency'] * time
     total = np.zeros(time.size)
     for number in term.numbers:
         part, _, order = number.name.partition('_')
         if part == 'frequency':
             continue
-        wave = np.sin if part == 'sine' else np.cos
-        total += values[f'{term.label}.{number.name}'] * wave(int(order or 1) * angle)
+        turning = np.exp(1j * int(order or 1) * angle)
+        found = complex(np.vdot(turning, rest))
+        phase = found / abs(found) if found != 0.0 else 1.0
+        total += values[f'{term.label}.{number.name}'] * np.real(phase * turning)
     return total
+
+
+def _running(corner: float, rate: float, rest: Array) -> Array:
+    """What a coupling still holds of the time before a recording, as the rest has it, (n,)."""
+    if not 0.0 < corner < 0.5 * rate:
+        return np.zeros(rest.size)
+    keep = -signal.butter(1, corner, btype='high', fs=rate)[1][1]
+    fading = keep ** np.arange(rest.size)
+    return np.asarray(float(fading @ rest) / float(fading @ fading) * fading)
 
 
 def passed_on(
@@ -149,6 +166,7 @@ def passed_on(
     begin: float,
     *,
     beyond: Array | None = None,
+    measured: Array | None = None,
 ) -> Array:
     """What a chain makes of samples, shape (n,), without its clock.
 
@@ -159,6 +177,8 @@ def passed_on(
         period: s between samples.
         begin: s after the recording's first sample.
         beyond: what no low-pass touches, added behind it.
+        measured: what came out, from which the phase of a hum and what a coupling holds from
+            before the recording are taken; zeros where it is not there.
     """
     rate = 1.0 / period
     y = samples
@@ -175,12 +195,34 @@ def passed_on(
         y = y + values[f'{parts["offset"].label}.value']
     if 'zero_drift' in parts:
         y = y + values[f'{parts["zero_drift"].label}.rate'] * time
-    if 'mains_hum' in parts:
-        y = y + _hum(parts['mains_hum'], values, np.asarray(begin + time))
+    if any(t.own for t in parts.values()):
+        y = y + _of_its_own(y, parts, values, np.asarray(begin + time), rate, measured)
     if 'saturation' in parts:
         limit = values[f'{parts["saturation"].label}.limit']
         y = np.clip(y, -limit, limit)
     return np.asarray(y)
+
+
+def _of_its_own(
+    y: Array,
+    parts: Mapping[str, Term],
+    values: Mapping[str, float],
+    time: Array,
+    rate: float,
+    measured: Array | None,
+) -> Array:
+    """What a recording has of its own: a coupling's memory and the hum, shape (n,)."""
+    rest = np.zeros(y.size) if measured is None else measured - y
+    if 'saturation' in parts and measured is not None:
+        limit = values[f'{parts["saturation"].label}.limit']
+        rest = np.where(np.abs(measured) < NEARLY * limit, rest, 0.0)
+    total = np.zeros(y.size)
+    if 'ac_coupling' in parts and parts['ac_coupling'].own:
+        term = parts['ac_coupling']
+        total += _running(values[f'{term.label}.corner'], rate, rest)
+    if 'mains_hum' in parts:
+        total += _hum(parts['mains_hum'], values, time, rest - total)
+    return total
 
 
 def power_passed(

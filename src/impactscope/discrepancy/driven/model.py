@@ -187,7 +187,9 @@ class OscillatorModel:
             clock = parts['clock_error'].label
             offset, drift = values.get(f'{clock}.offset', 0.0), values.get(f'{clock}.drift', 0.0)
             moved = retimed(moved, offset, drift, segment.period)
-        return passed_on(moved, parts, values, segment.period, segment.begin)
+        return passed_on(
+            moved, parts, values, segment.period, segment.begin, measured=segment.measured
+        )
 
     def motion(
         self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment

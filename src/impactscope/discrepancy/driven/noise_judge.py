@@ -21,6 +21,7 @@ __all__ = ['NoiseJudge', 'innovations', 'reduced']
 Array = NDArray[np.float64]
 
 PRICE = 7.0  # chi-square that a further number must bring to be preferred
+OWN = 2.0  # the same for a number that one recording has of its own
 LOOKS = 60  # independent candidates, about
 
 
@@ -82,7 +83,9 @@ class NoiseJudge(Judge):
 
     def criterion(self, fit: Fit, reference: Fit) -> float:
         """Minus the gain over a reference, and a price for every number: smaller is better."""
-        return -self.gain(reference, fit).total + PRICE * (fit.added - reference.added)
+        own = fit.own - reference.own
+        shared = fit.added - reference.added - own
+        return -self.gain(reference, fit).total + PRICE * shared + OWN * own
 
     def p_value(self, small: Fit, large: Fit) -> float:
         """Chance of such a gain where nothing is missing."""

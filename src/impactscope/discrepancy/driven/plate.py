@@ -157,4 +157,5 @@ def _terms(
         max(s.measured.size * s.period for s in segments),
         noise,
         max(float(np.max(np.abs(s.measured))) for s in segments),
+        len(segments),
     )

@@ -19,7 +19,7 @@ from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.noise_judge import innovations
 from impactscope.discrepancy.driven.strangers import Group
 
-__all__ = ['plate_laws']
+__all__ = ['STATE', 'plate_laws']
 
 Array = NDArray[np.float64]
 
@@ -73,7 +73,7 @@ class _Plate:
             yield self.answer(parts) if force else self.output(parts)
 
 
-_STATE: tuple[tuple[str, Callable[[Array, Array], Array]], ...] = (
+STATE: tuple[tuple[str, Callable[[Array, Array], Array]], ...] = (
     ('a force with the square of the displacement', lambda x, v: x * x),  # noqa: ARG005
     ('a force with x |x|', lambda x, v: x * np.abs(x)),  # noqa: ARG005
     ('a force with the fifth power of the displacement', lambda x, v: x**5),  # noqa: ARG005
@@ -96,7 +96,7 @@ _STATE: tuple[tuple[str, Callable[[Array, Array], Array]], ...] = (
 def plate_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator[Group]:
     """Laws beyond the vocabulary, each with the whitened answers that span it, beside a fit."""
     p = _Plate(model, made, segments)
-    for name, law in _STATE:
+    for name, law in STATE:
         yield name, [p.of_motion(law)]
     times: list[Array] = [p.period * np.arange(x.size, dtype=np.float64) for x, _ in p.motions]
     xs, vs = [x for x, _ in p.motions], [v for _, v in p.motions]

@@ -46,7 +46,8 @@ def rounding(s: Subject) -> dict[str, tuple[Segment, float, float]]:
             continue
         if s.campaign.kind is CampaignKind.CHAIN:
             own = [
-                step_of(x.drive.sum(axis=0).astype(np.float32).astype(np.float64)) for x in fitted
+                step_of(x.drive[:2].sum(axis=0).astype(np.float32).astype(np.float64))
+                for x in fitted
             ]
             if abs(max(own) - min(steps)) < 0.01 * min(steps):
                 continue  # the input has them already

@@ -34,7 +34,8 @@ class Term:
     ``fixed``: what is entered beside the fitted numbers. ``restart``: values of the baseline's
     numbers to set out from, where the effect gives them another meaning. ``output``: it acts in
     the measuring chain of the output. ``amounts``: numbers that say how much of it there
-    is; with a stroke before one, the less of it the larger that is.
+    is; with a stroke before one, the less of it the larger that is. ``own``: numbers that
+    the recordings have of their own, in all, which are found with every prediction.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Term:
     restart: Mapping[str, float] | None = None
     output: bool = False
     amounts: tuple[str, ...] = ()
+    own: int = 0
 
     @property
     def label(self) -> str:
