@@ -186,3 +186,18 @@ def test_beside_a_companion_its_strength_is_one_more_number_to_tune():
     both = Freedom(scenario, lambda s, share: change.apply(s, 3e8 * share, {}))
     assert both.detectability(change.apply(scenario, 3.3e8, {})) < 0.05
     assert both.detectability(change.apply(scenario, -3e8, {})) > 5
+
+
+def test_a_look_alike_of_either_sign_is_found():
+    """A fast low pass only delays; a clock offset does the same, whichever sign was drawn."""
+    scenario = draw_scenario(np.random.default_rng(7), 'driven')
+    freedom = Freedom(scenario)
+    aux = {'channel': 'acceleration.plate', 'order': 2, 'zero_phase': 0}
+    chosen = effect('low_pass_filter')
+    left, size = freedom.fitted(chosen.apply(scenario, 1 / 12e3, aux))
+    assert size > 5
+    for seed in range(3):
+        near = alternatives(
+            np.random.default_rng(seed), freedom, left, {chosen.key}, limit=0.3 * size
+        )
+        assert near.get('clock_error', size) < 0.1 * size

@@ -163,7 +163,7 @@ def alternatives(
             turned = other.apply(freedom.scenario, strength, aux)
             for linear in (True, False):
                 mine, reached = freedom.fitted(turned, linear=linear)
-                rest = _without(left, mine, reached)
+                rest = _without(left, mine, reached, signed='sign' in aux)
                 if rest > 0.7 * size:  # nothing like it: no need to look closer
                     break
             if rest < limit and rest < 0.5 * size:
@@ -173,12 +173,17 @@ def alternatives(
     return dict(sorted(found.items(), key=lambda item: item[1]))
 
 
-def _without(left: Sequence[Array], mine: Sequence[Array], reached: float) -> float:
-    """Norm of a remainder without the best share, 0 to 2, of another of norm ``reached``."""
+def _without(
+    left: Sequence[Array], mine: Sequence[Array], reached: float, *, signed: bool
+) -> float:
+    """Norm of a remainder without the best share of another of norm ``reached``.
+
+    The share is 0 to 2, for an effect of either sign -2 to 2.
+    """
     if reached == 0:
         return norm(left)
     along = sum(float(a @ b) for a, b in zip(left, mine, strict=True))
-    share = min(max(along / reached**2, 0.0), 2.0)
+    share = min(max(along / reached**2, -2.0 if signed else 0.0), 2.0)
     return math.sqrt(max(norm(left) ** 2 - 2 * share * along + (share * reached) ** 2, 0.0))
 
 
