@@ -203,6 +203,8 @@ class Search:
         cost = sum(c.cost for c in outcome.accepted)
         gain = (start.chi_square - current.chi_square) / max(1.0, current.reduced)
         reached = information(-gain, cost, current.layout.size)
+        # each further finding was chosen among all candidates, which one alone was but once
+        reached += 2.0 * math.log(len(listed)) * (len(outcome.accepted) - 1)
         names = {c.name for c in outcome.accepted}
         for item in found:
             if (
