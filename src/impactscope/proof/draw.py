@@ -41,7 +41,9 @@ KINDS: Mapping[str, float] = {'impact': 0.7, 'driven': 0.12, 'prescribed': 0.09,
 _POSSIBLE = {'parameter': ('impact', 'chain'), 'label': ('impact',)}  # where numbers are stated
 WEAKEST, STRONGEST = 0.3, 100.0  # d'
 _DRAWS = 30  # until the wanted channel comes; some effects are of one channel only
-CONFUSABLE = 2.0  # an alternative that leaves less than this d' cannot be ruled out
+# An alternative that leaves less than this d' cannot be ruled out: between two known courses an
+# ideal observer errs in Phi(-d'/2), here in one of twenty.
+CONFUSABLE = 3.29
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,7 @@ def alternatives(
                     break
             if rest < limit and rest < 0.5 * size:
                 found[other.name] = min(rest, found.get(other.name, math.inf))
-            if not aux or set(aux) == {'sign'}:  # nothing else to try
+            if not aux or set(aux) <= {'sign', 'already'}:  # nothing else to try
                 break
     return dict(sorted(found.items(), key=lambda item: item[1]))
 

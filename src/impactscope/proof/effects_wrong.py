@@ -15,6 +15,7 @@ __all__ = ['WRONG_LABELS', 'WRONG_NUMBERS']
 
 Drawn = dict[str, float | str]
 Apply = Callable[[Scenario, float, Aux], Scenario]
+Setup = Callable[[np.random.Generator, Scenario], Drawn]
 
 
 def _sign(rng: np.random.Generator, _scenario: Scenario) -> Drawn:
@@ -25,9 +26,18 @@ def _factor(strength: float, aux: Aux) -> float:
     return math.exp(float(aux['sign']) * strength)
 
 
-def _wrong(number: str, apply: Apply, fits: Callable[[Scenario], bool]) -> Effect:
+def _spring(rng: np.random.Generator, scenario: Scenario) -> Drawn:
+    """The true spring differs from the stated one already, within what is stated of it."""
+    true = scenario.blows[0].bench.stiffness
+    return _sign(rng, scenario) | {'already': true / scenario.sensor.stiffness}
+
+
+def _wrong(
+    number: str, apply: Apply, fits: Callable[[Scenario], bool], setup: Setup = _sign
+) -> Effect:
     def told(strength: float, aux: Aux) -> Drawn:
-        return {'name': number, 'ratio': _factor(strength, aux)}
+        ratio = _factor(strength, aux) * float(aux.get('already', 1.0))
+        return {'name': number, 'ratio': ratio}
 
     return Effect(
         'wrong_parameter',
@@ -36,7 +46,7 @@ def _wrong(number: str, apply: Apply, fits: Callable[[Scenario], bool]) -> Effec
         1e-8,
         0.5,
         told,
-        setup=_sign,
+        setup=setup,
         fits=fits,
         variant=number,
         family='parameter',
@@ -138,7 +148,7 @@ def _label(
 
 
 WRONG_NUMBERS: tuple[Effect, ...] = (
-    _wrong('sensor.stiffness', _scaled('stiffness'), struck),
+    _wrong('sensor.stiffness', _scaled('stiffness'), struck, _spring),
     _wrong('damper.parallel_stiffness', _scaled('layer_stiffness'), with_layer),
     _wrong('damper.branches.0.stiffness', _scaled('branch_stiffness'), with_layer),
     _wrong('pendulum.moving_mass', _pendulum('moving_mass'), struck),

@@ -109,7 +109,7 @@ def mark(
         _mark_names(result, names, entry, confusable, unexplained, outside=outside)
         _mark_place(result, parts, reply, answer)
         for part in parts:
-            if part['name'] in entry:
+            if part['name'] in entry and part['name'] != 'wrong_parameter':
                 _mark_parameters(result, part, entry[part['name']])
         if ranking and _number(ranking[0].get('probability')) is not None:
             result.probability = _number(ranking[0].get('probability'))
@@ -117,6 +117,8 @@ def mark(
             told = (entry.get('wrong_parameter') or {}).get('parameters') or {}
             wanted = str(parts[0]['parameters'].get('name'))
             result.parameter_named = wanted.split('.')[-1] in str(told)
+            if result.parameter_named:
+                _mark_parameters(result, parts[0], entry['wrong_parameter'])
     result.held_out_ratio = _held_out(reply.get('fit') or {}, answer.get('noise') or {})
     return result
 

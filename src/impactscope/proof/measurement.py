@@ -59,7 +59,10 @@ def noise_free(blow: Blow, scenario: Scenario) -> dict[str, Array]:
 def measure(blow: Blow, scenario: Scenario, rng: np.random.Generator) -> dict[str, Array]:
     """Samples with noise, with those of the input where one is measured."""
     result = {}
-    for name, clean in noise_free(blow, scenario).items():
+    unclipped = replace(
+        scenario, chains={n: c._replace(limit=0.0) for n, c in scenario.chains.items()}
+    )
+    for name, clean in noise_free(blow, unclipped).items():
         chain = scenario.chains[name]
         values = clean + rng.normal(0, scenario.noise[name], clean.size)
         if chain.limit > 0:
