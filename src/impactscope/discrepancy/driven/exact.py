@@ -145,6 +145,7 @@ def exact_search(
         beam = close[:2]
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
     best = _pruned(fits, best, judge)
+    best = _pruned(fits, _other_friction(fits, best, judge), judge)
     best = _against_rivals(fits, best, judge)
     level = judge.criterion(best, baseline) + NEAR
     for made in [f for f in fits.known.values() if judge.criterion(f, baseline) < level]:
@@ -210,6 +211,31 @@ def _best_parent(fits: _Fits, child: Fit, judge: Judge) -> Fit:
 
 def _pruned(fits: _Fits, best: Fit, judge: Judge) -> Fit:
     return prune(best, fits.baseline, judge, lambda fitted, rest: fits.make(fitted, rest, {}))
+
+
+def _other_friction(fits: _Fits, best: Fit, judge: Judge) -> Fit:
+    """A friction that differs by direction against one with a peak at rest and an offset.
+
+    The first of these is what the second looks like as long as one effect at a time is added.
+    """
+    old = next((t for t in best.terms if t.name == 'asymmetric_friction'), None)
+    offset = next((t for t in fits.model.terms if t.name == 'offset'), None)
+    if old is None or offset is None:
+        return best
+    forces = [best.values[key(old, n)] for n in old.numbers if n.name.startswith('force')]
+    mean = sum(forces) / len(forces)
+    rest = tuple(t for t in best.terms if t is not old)
+    for term in fits.model.terms:
+        if term.name != 'stribeck_friction' or not all(term.stands_with(t) for t in rest):
+            continue
+        terms = (*rest, offset, term)
+        sizes = {'kinetic_force': 0.8 * mean, 'excess_force': 0.4 * mean}
+        initial = {key(term, n): sizes.get(n.name, n.starts[0]) for n in term.numbers}
+        initial[key(offset, offset.numbers[0])] = 0.5 * (forces[0] - forces[-1])
+        speed = next(n for n in term.numbers if n.name == 'speed')
+        later = {**initial, key(term, speed): speed.starts[len(speed.starts) // 2]}
+        fits.make(best, terms, initial, later)
+    return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))
 
 
 def _against_rivals(fits: _Fits, best: Fit, judge: Judge) -> Fit:

@@ -19,13 +19,14 @@ from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.guess import equation_start
 from impactscope.discrepancy.driven.modal import Modes, further_modes
 from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
+from impactscope.discrepancy.driven.moved import MovedModel, moved_case
 from impactscope.discrepancy.driven.noise_judge import reduced
 from impactscope.discrepancy.driven.oscillation import linear_oscillator
 from impactscope.discrepancy.driven.plate import plate_under_hammer
 from impactscope.discrepancy.driven.prescribed import linear_prescribed
 from impactscope.discrepancy.driven.recordings import Cut, cuts
 from impactscope.discrepancy.driven.search import Effort, Outcome, search
-from impactscope.discrepancy.driven.strangers import verdict
+from impactscope.discrepancy.driven.strangers import Stranger, Verdict, verdict
 from impactscope.discrepancy.driven.subject import Subject
 from impactscope.discrepancy.driven.terms import Term
 from impactscope.errors import ConfigurationError
@@ -47,6 +48,8 @@ MOSTLY_NOISE = 30.0  # reduced chi-square of a baseline beyond which it is not l
 NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
 REPEATS = 2  # searches with noise that is known better
+LARGER = 0.25  # of reduced chi-square, by which what is left is more than noise
+SURE = 6.0  # standard deviations of it
 LEVEL = 0.02  # relative change of the noise's level that matters
 CHAIN_EFFORT = Effort(numbers=6, depth=4, tried=8, beam=3)
 
@@ -70,6 +73,8 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     sure = False
     if campaign.kind is CampaignKind.DRIVEN and isinstance(model, OscillatorModel):
         answer, sure = _under_hammer(campaign, parts, model, segments, linear, tell)
+    elif campaign.kind is CampaignKind.PRESCRIBED_MOTION:
+        answer, sure = _moved(campaign, parts, notes, tell)
     elif isinstance(model, ChainModel):
         answer, sure = _through_chain(campaign, model, segments, linear, notes, tell)
     if answer is not None and sure:
@@ -124,11 +129,26 @@ def _exact(
     said = verdict(
         case.laws, case.model, baseline, outcome.best, gain, case.segments, case.settled
     )
+    if case.model.__class__ is MovedModel:
+        said = _and_its_size(case, outcome.best, said)
     tell(0.95 * share, 'describing')
     subject = Subject(
         campaign, case.model, case.segments, case.judge, outcome, None, tuple(notes), case, said
     )
     return describe(subject), outcome, reduced(case.judge, outcome.best) < NOISE
+
+
+def _and_its_size(case: Case, best: Fit, said: Verdict) -> Verdict:
+    """What a verdict becomes where more than noise is left in any recording, as it is."""
+    if said.left:
+        return said
+    for s, chi_square in zip(case.segments, case.judge.chi_squares(best), strict=True):
+        count = s.measured.size
+        if chi_square / count > 1.0 + LARGER + SURE * math.sqrt(2.0 / count):
+            law = f'nothing that was tried; {s.recording} is left {chi_square / count:.3g} times'
+            rest = Stranger(f'{law} its noise in power', chi_square - count, 1)
+            return Verdict(True, not best.terms, rest, 1.0)
+    return said
 
 
 def _under_hammer(
@@ -150,6 +170,26 @@ def _under_hammer(
     if case is None or reduced(case.judge, case.baseline) > MOSTLY_NOISE:
         return None, False
     answer, _, sure = _exact(campaign, case, notes, tell)
+    return answer, sure
+
+
+def _moved(
+    campaign: Campaign, parts: Sequence[Cut], notes: Sequence[str], tell: Progress
+) -> tuple[Answer | None, bool]:
+    """The answer for a prescribed motion that noise hides alone; None if it is none."""
+    own: list[str] = []
+    whole = cuts(campaign, [parts[0].channel], parts[0].drive_channel, own, MOST_OF_PLATE)
+    mass = 'linear_mass_spring_damper' in campaign.baseline_names or not campaign.baseline
+    case = moved_case(whole, mass)
+    if case is None:
+        return None, False
+    answer, outcome, sure = _exact(campaign, case, notes, tell, 0.5)
+    for _ in range(REPEATS):
+        again = moved_case(whole, mass, case, outcome.best)
+        if again is None or _alike(case, again):
+            break
+        case = again
+        answer, outcome, sure = _exact(campaign, case, notes, tell)
     return answer, sure
 
 

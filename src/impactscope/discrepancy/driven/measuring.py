@@ -34,6 +34,7 @@ COARSE = 40.0  # rounding errors of single precision that a step must exceed to 
 QUIET = 50  # the beginning is so many times shorter than the recording
 STILL = 0.05  # of the recording's spread: what varies less is at rest
 LOADED = 0.3  # of the recording's spread: a mean that is a load
+FORGOTTEN = 40.0  # time constants
 NEARLY = 0.98  # of a limit: from here on a sample may be cut off
 FINE = 8  # between samples, before a spline retimes a broad signal
 
@@ -136,26 +137,51 @@ def _hum(term: Term, values: Mapping[str, float], time: Array, rest: Array) -> A
     Recordings begin at any moment and the grid wanders: each has a phase of its own, for which
     the best is taken at once (variable projection; Golub and Pereyra, Inverse Problems 19 (2003)).
     """
-    angle = 2.0 * math.pi * values[f'{term.label}.frequency'] * time
+    base = _turning(values[f'{term.label}.frequency'], float(time[0]), float(time[-1]), time.size)
     total = np.zeros(time.size)
     for number in term.numbers:
         part, _, order = number.name.partition('_')
         if part == 'frequency':
             continue
-        turning = np.exp(1j * int(order or 1) * angle)
-        found = complex(np.vdot(turning, rest))
-        phase = found / abs(found) if found != 0.0 else 1.0
-        total += values[f'{term.label}.{number.name}'] * np.real(phase * turning)
+        cosine, sine = base if order == '' else _multiple(base, int(order))
+        along, across = float(cosine @ rest), float(sine @ rest)
+        size = math.hypot(along, across)
+        if size == 0.0:
+            along = size = 1.0
+        amount = values[f'{term.label}.{number.name}'] / size
+        total += amount * (along * cosine + across * sine)
     return total
+
+
+@functools.lru_cache(maxsize=32)
+def _turning(frequency: float, first: float, last: float, count: int) -> tuple[Array, Array]:
+    """Cosine and sine at even times, shapes (count,)."""
+    angle = 2.0 * math.pi * frequency * np.linspace(first, last, count)
+    return np.cos(angle), np.sin(angle)
+
+
+def _multiple(base: tuple[Array, Array], order: int) -> tuple[Array, Array]:
+    """Cosine and sine of a multiple of the angle."""
+    cosine, sine = base
+    for _ in range(order - 1):
+        cosine, sine = cosine * base[0] - sine * base[1], sine * base[0] + cosine * base[1]
+    return cosine, sine
 
 
 def _running(corner: float, rate: float, rest: Array) -> Array:
     """What a coupling still holds of the time before a recording, as the rest has it, (n,)."""
     if not 0.0 < corner < 0.5 * rate:
         return np.zeros(rest.size)
-    keep = -signal.butter(1, corner, btype='high', fs=rate)[1][1]
-    fading = keep ** np.arange(rest.size)
+    fading = _fading(corner, rate, rest.size)
     return np.asarray(float(fading @ rest) / float(fading @ fading) * fading)
+
+
+@functools.lru_cache(maxsize=32)
+def _fading(corner: float, rate: float, count: int) -> Array:
+    """How a coupling forgets, shape (count,), from one."""
+    keep = -signal.butter(1, corner, btype='high', fs=rate)[1][1]
+    most = min(count, 1 + int(-FORGOTTEN / math.log(keep))) if 0.0 < keep < 1.0 else 1
+    return np.asarray(np.concatenate([keep ** np.arange(most), np.zeros(count - most)]))
 
 
 def passed_on(

@@ -21,6 +21,7 @@ __all__ = ['NoiseJudge', 'innovations', 'reduced']
 Array = NDArray[np.float64]
 
 PRICE = 7.0  # chi-square that a further number must bring to be preferred
+EACH = 4.0  # the same for a further effect: two at once are rarer than one
 OWN = 2.0  # the same for a number that one recording has of its own
 LOOKS = 60  # independent candidates, about
 
@@ -85,7 +86,9 @@ class NoiseJudge(Judge):
         """Minus the gain over a reference, and a price for every number: smaller is better."""
         own = fit.own - reference.own
         shared = fit.added - reference.added - own
-        return -self.gain(reference, fit).total + PRICE * shared + OWN * own
+        terms = len(fit.terms) - len(reference.terms)
+        price = PRICE * shared + OWN * own + EACH * terms
+        return -self.gain(reference, fit).total + price
 
     def p_value(self, small: Fit, large: Fit) -> float:
         """Chance of such a gain where nothing is missing."""

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Group = tuple[str, list[Array]]  # a law and the whitened changes that span it, each shape (n,)
 Laws = Callable[[Model, Fit, Sequence[Segment]], Iterator[Group]]
 
-LOOKS = 150  # independent laws, about
+LOOKS = 600  # independent laws, about
 FALSE = 0.002  # chance that something is called left where nothing is
 MARGIN = 10.0  # chi-square by which a law beyond the vocabulary must be the better explanation
 
