@@ -86,6 +86,28 @@ def test_hum_with_a_harmonic():
         assert abs(found[name].value - true) < 4.0 * found[name].std
 
 
+def test_hum_of_any_phase():
+    """Recordings begin at any moment of the mains."""
+    time = np.arange(SAMPLES) / RATE
+    phases = iter((0.3, 2.0, 4.1, 5.5))
+    answer = explain_driven(
+        campaign(8, lambda x: x + 0.05 * np.sin(2 * np.pi * 50.01 * time + next(phases)))
+    )
+    assert answer.accepted == ('mains_hum',)
+    found = answer.ranking[0].parameters['amplitude']
+    assert abs(found.value - 0.05) < 4.0 * found.std
+
+
+def test_coupling_that_a_recording_finds_charged():
+    """What the filter holds from before a recording is the recording's own."""
+    b, a = signal.butter(1, 0.3, btype='high', fs=RATE)
+    held = iter((0.5, -0.8, 0.3, -0.4))
+    answer = explain_driven(campaign(9, lambda x: signal.lfilter(b, a, x, zi=[next(held)])[0]))
+    assert answer.accepted == ('ac_coupling',)
+    corner = answer.ranking[0].parameters['corner']
+    assert abs(corner.value - 0.3) < 4.0 * corner.std
+
+
 def test_a_bent_scale_is_unknown():
     answer = explain_driven(campaign(6, lambda x: x + 1e-4 * x * x))
     assert answer.accepted == ('unknown',)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -21,6 +22,10 @@ from impactscope.discrepancy.driven.subject import Subject
 from impactscope.discrepancy.driven.terms import Term, key
 
 __all__ = ['describe']
+
+# of findings that looked certain so many were right among campaigns drawn at random
+MOST = 0.95
+MOST_BESIDE = 0.7  # where something that is not known stands beside them
 
 
 def describe(s: Subject) -> Answer:
@@ -52,6 +57,9 @@ def describe(s: Subject) -> Answer:
     elif unexplained and not accepted:
         findings.insert(0, Finding('unknown', 1.0, 'unknown', sentence=sentence))
         accepted = ['unknown']
+    if s.case is not None:
+        beside = 'unknown' in accepted and len(accepted) > 1
+        findings = [_modest(f, MOST_BESIDE if beside else MOST) for f in findings]
     detected = bool(accepted)
     taken = findings[: len(accepted)]
     subsystems = tuple(dict.fromkeys(f.subsystem for f in taken if f.subsystem))
@@ -79,6 +87,11 @@ def describe(s: Subject) -> Answer:
         notes=(*s.notes, *(() if unexplained or not sentence else (sentence,))),
         traces=traces(s, base, final),
     )
+
+
+def _modest(finding: Finding, most: float) -> Finding:
+    """A finding with a probability that allows for what no likelihood knows."""
+    return dataclasses.replace(finding, probability=min(most * finding.probability, most))
 
 
 def _estimates(made: Fit, units: Mapping[str, str]) -> dict[str, ParameterEstimate]:

@@ -52,6 +52,7 @@ class MovedNoise:
     band: float  # Hz, up to which the motion's noise is left in its course
     device: tuple[float, float]  # stiffness and damping
     period: float
+    ends: Array  # further variance of position and speed near the ends, (2, n)
 
     def share(self, frequency: NDArray[np.floating]) -> Array:
         """Share of the noise's power that the motion's noise makes."""
@@ -64,10 +65,12 @@ class MovedNoise:
     def __call__(self, residual: Array) -> Array:
         """A residual, shape (n,), in units of its noise."""
         share = self.share(np.fft.rfftfreq(residual.size, self.period))
+        stiffness, damping = self.device
+        more = (stiffness**2 * self.ends[0] + damping**2 * self.ends[1]) / self.force**2
+        even = residual / np.sqrt(1.0 + more) / self.force
         if np.max(share) < LITTLE:
-            return residual / self.force
-        factor = np.sqrt(1.0 - share) / self.force
-        return np.asarray(np.fft.irfft(factor * np.fft.rfft(residual), residual.size))
+            return np.asarray(even)
+        return np.asarray(np.fft.irfft(np.sqrt(1.0 - share) * np.fft.rfft(even), residual.size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,21 +209,21 @@ def moved_case(
         segments = [_segment(c, k) for c, k in zip(cuts, courses, strict=True)]
         model = _linear(cuts, segments, mass)
         made = fit(model, (), segments, {}, tolerance=FINE)
-        bands = [(k.noise, k.band) for k in courses]
+        bands = [(k.noise, k.band, k.ends) for k in courses]
     else:
         assert isinstance(found.model, MovedModel)  # noqa: S101 - made below
         segments, model, made = list(found.segments), found.model, found.baseline
         known = [s.whitener for s in segments]
-        bands = [(w.motion, w.band) for w in known if isinstance(w, MovedNoise)]
+        bands = [(w.motion, w.band, w.ends) for w in known if isinstance(w, MovedNoise)]
     noise = _noise(cuts, segments, best or made)
     if not noise > 0.0:
         return None
     device = (made.values['stiffness'], made.values['damping'])
     ready = [
         dataclasses.replace(
-            s, noise=noise, whitener=MovedNoise(noise, moved, band, device, s.period)
+            s, noise=noise, whitener=MovedNoise(noise, moved, band, device, s.period, ends)
         )
-        for s, (moved, band) in zip(segments, bands, strict=True)
+        for s, (moved, band, ends) in zip(segments, bands, strict=True)
     ]
     if found is None:
         model = dataclasses.replace(model, terms=_terms(cuts, ready, made, noise))

@@ -1,0 +1,129 @@
+"""Prescribed motions whose residual is noise: courses, effects, and laws beyond the library."""
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.campaign import ChannelSamples, parse_campaign
+from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.course import course_of
+from impactscope.discrepancy.driven.moved import MovedNoise
+
+RATE, SAMPLES = 1000.0, 2500
+STIFFNESS, DAMPING, REACH = 2e4, 400.0, 0.01
+NOISE = 0.2  # N, a thousandth of the largest force
+
+
+def motions():
+    """Two fitted motions and one that is held out, with their speeds."""
+    time = np.arange(SAMPLES) / RATE
+    for size, first, second in ((1.0, 1.3, 7.0), (0.6, 2.2, 11.0), (0.8, 0.9, 5.0)):
+        a, b = 2 * np.pi * first, 2 * np.pi * second
+        x = size * REACH * (0.7 * np.sin(a * time) + 0.3 * np.sin(b * time + 0.5))
+        v = size * REACH * (0.7 * a * np.cos(a * time) + 0.3 * b * np.cos(b * time + 0.5))
+        yield time, x, v
+
+
+def campaign(seed, more=lambda i, t, x, v: 0.0):
+    rng = np.random.default_rng(seed)
+    entries, channels = [], {}
+    for i, (time, x, v) in enumerate(motions()):
+        force = STIFFNESS * x + DAMPING * v + more(i, time, x, v)
+        force = force + NOISE * rng.standard_normal(SAMPLES)
+        moved = x + 0.05 * NOISE / STIFFNESS * rng.standard_normal(SAMPLES)
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
+        channels[file] = {
+            'displacement.piston': ChannelSamples('displacement.piston', 'm', RATE, 0.0, moved),
+            'force.damper': ChannelSamples('force.damper', 'N', RATE, 0.0, force),
+        }
+    bench = {
+        'kind': 'prescribed_motion',
+        'motion': 'displacement.piston',
+        'output': 'force.damper',
+    }
+    data = {
+        'version': 1,
+        'bench': bench,
+        'baseline': ['linear_spring_damper'],
+        'recordings': entries,
+    }
+    return parse_campaign(data).with_samples(channels.__getitem__)
+
+
+def test_course_is_right_in_the_band_of_the_motion():
+    time = np.arange(3000) / RATE
+    turn = 2 * np.pi * 16.0
+    x = np.sin(turn * time + 0.3)
+    rng = np.random.default_rng(1)
+    course = course_of(x + 1e-7 * rng.standard_normal(time.size), 1.0 / RATE, 0)
+    expected = np.stack([x, turn * np.cos(turn * time + 0.3), -(turn**2) * x])
+    for order, most in enumerate((1e-6, 1e-5, 1e-3)):
+        error = np.abs(course.motion[order] - expected[order])[20:-20]
+        assert np.max(error) < most * turn**order
+    assert course.noise == pytest.approx(1e-7, rel=0.1)
+    assert 16.0 < course.band < 200.0
+
+
+def test_course_of_a_measured_speed():
+    time = np.arange(3000) / RATE
+    turn = 2 * np.pi * 3.0
+    rng = np.random.default_rng(2)
+    speed = turn * np.cos(turn * time) + 1e-6 * rng.standard_normal(time.size)
+    course = course_of(speed, 1.0 / RATE, 1)
+    assert np.allclose(course.motion[0], np.sin(turn * time), atol=1e-5)
+
+
+def test_noise_of_the_motion_is_whitened():
+    rng = np.random.default_rng(3)
+    noise = MovedNoise(1.0, 1e-3, 100.0, (1000.0, 10.0), 1e-3, np.zeros((2, 20000)))
+    white = rng.standard_normal(20000)
+    frequency = np.fft.rfftfreq(white.size, 1e-3)
+    coloured = np.fft.irfft(np.fft.rfft(white) / np.sqrt(1.0 - noise.share(frequency)))
+    assert np.allclose(noise(coloured), white, atol=1e-9)
+
+
+def test_nothing_is_found_and_noise_is_left():
+    answer = explain_driven(campaign(11))
+    assert answer.accepted == ()
+    assert answer.fit.extended.held_out_rmse['force.damper'] == pytest.approx(NOISE, rel=0.05)
+
+
+def test_weak_hardening():
+    cubic = 1e6
+    answer = explain_driven(campaign(12, lambda i, t, x, v: cubic * x**3))
+    assert answer.accepted == ('hardening_spring',)
+    found = answer.ranking[0].parameters['cubic']
+    assert abs(found.value - cubic) < 4.0 * found.std
+    assert found.std < 0.2 * cubic
+    assert answer.ranking[0].probability < 1.0
+
+
+def test_friction_turns_with_the_speed():
+    answer = explain_driven(campaign(13, lambda i, t, x, v: 0.1 * np.sign(v)))
+    assert answer.accepted == ('coulomb_friction',)
+    found = answer.ranking[0].parameters['force']
+    assert abs(found.value - 0.1) < 4.0 * found.std
+
+
+@pytest.mark.parametrize(
+    'law',
+    [
+        lambda i, t, x, v: 5.0 * np.maximum(v, 0.0) ** 2,
+        lambda i, t, x, v: 30.0 * x * np.sin(2 * np.pi * 13.0 * t),
+        lambda i, t, x, v: 40.0 * np.abs(x) * np.sign(v),
+        lambda i, t, x, v: (20.0, -25.0, 10.0)[i] * x,
+    ],
+    ids=['one way', 'swings', 'grows', 'differs'],
+)
+def test_laws_beyond_the_library_are_unknown(law):
+    assert explain_driven(campaign(14, law)).accepted == ('unknown',)
+
+
+def test_hum_has_a_phase_of_its_own_in_each_recording():
+    def hum(i, t, x, v):
+        return 0.08 * np.sin(2 * np.pi * 50.01 * t + 2.1 * i)
+
+    answer = explain_driven(campaign(15, hum))
+    assert answer.accepted == ('mains_hum',)
+    found = answer.ranking[0].parameters['amplitude']
+    assert abs(found.value - 0.08) < 4.0 * found.std
