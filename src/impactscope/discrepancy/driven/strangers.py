@@ -165,7 +165,8 @@ def verdict(
     beside = sought(best)
     ahead = alone.worth - equivalent_gain(gain, best.added - baseline.added) - MARGIN
     needed = beside.p_value < FALSE
-    instead = (ahead > 0.0 and beside.worth > MARGIN) or (needed and ahead > -MARGIN)
+    clearly = ahead > MARGIN or (ahead > 0.0 and beside.worth > MARGIN)
+    instead = clearly or (needed and ahead > -MARGIN)
     left = instead or beside.p_value < FALSE
     chance = 1.0 / (1.0 + math.exp(-min(max(0.5 * ahead, -300.0), 300.0)))
     if left and not instead:
