@@ -5,6 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from impactscope.discrepancy.impact_candidates import Candidate
+from impactscope.discrepancy.impact_model import Free
+from impactscope.discrepancy.impact_outcome import weigh
 from impactscope.discrepancy.impact_search import _everywhere
 
 TIMES = np.linspace(-0.2, 0.8, 1000)
@@ -38,3 +41,26 @@ def fits(old, new, mask):
 def test_a_hum_is_there_before_the_blow(old, first, stands):
     joint, current = fits(old, old - HUM, first <= TIMES)
     assert _everywhere(joint, current) is stands
+
+
+def test_a_line_away_from_the_mains_pays_for_every_frequency():
+    times = np.linspace(0.0, 1.0, 10)
+    blow = SimpleNamespace(times=times)
+    model = SimpleNamespace(data=SimpleNamespace(blows=[blow]))
+    frequency = Free('mains_hum:force.frequency', 50.0, 0.02, 10.0, 1000.0)
+    others = tuple(Free(f'part{i}', 0.0, 1.0, blow=i // 2) for i in range(16))
+    hum = Candidate('hum', 'mains_hum', 'measurement', free=(frequency, *others))
+    before = SimpleNamespace(chi_square=30070.0)
+    found = {}
+    for where in (60.1, 87.2):
+        after = SimpleNamespace(
+            reduced=1.0,
+            chi_square=30000.0,
+            values={frequency.key: where},
+            layout=SimpleNamespace(size=30000),
+            model=model,
+        )
+        found[where] = weigh(hum, after, before, 40)
+    assert found[60.1].p_value < 1e-3
+    assert found[87.2].p_value == 1.0
+    assert found[87.2].criterion > found[60.1].criterion

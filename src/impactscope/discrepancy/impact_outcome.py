@@ -16,6 +16,7 @@ from impactscope.discrepancy.impact_model import Layout
 
 __all__ = ['QUIET', 'Found', 'Outcome', 'weigh', 'with_findings']
 
+_MAINS_BAND = 0.5  # Hz about the mains and their harmonics
 QUIET = 1.15  # reduced chi-square below which a short window holds nothing to look for
 
 
@@ -54,8 +55,26 @@ def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
     """A joint fit against the model without the candidate."""
     spread = max(1.0, joint.reduced)
     gain = (current.chi_square - joint.chi_square) / spread
-    criterion = information(-gain, candidate.cost, joint.layout.size) + candidate.doubt
-    return Found(candidate, joint, gain, family_p_value(gain, candidate.cost, looks), criterion)
+    places = _places(candidate, joint)
+    criterion = information(-gain, candidate.cost, joint.layout.size, places) + candidate.doubt
+    chance = family_p_value(gain, candidate.cost, looks * places)
+    if places > 1 and criterion > 0.0:
+        chance = (
+            1.0  # a line of any frequency, each recording with its own phase, must pay for all
+        )
+    return Found(candidate, joint, gain, chance, criterion)
+
+
+def _places(candidate: Candidate, joint: Fit) -> int:
+    """At how many frequencies a line was sought: the mains have few, the spectrum has many."""
+    if candidate.name != 'mains_hum':
+        return 1
+    key = candidate.free[0].key
+    frequency = joint.values[key]
+    if any(abs(frequency - n * mains) < _MAINS_BAND for mains in (50.0, 60.0) for n in (1, 2, 3)):
+        return 1
+    longest = max(float(b.times[-1] - b.times[0]) for b in joint.model.data.blows)
+    return max(1, round((candidate.free[0].upper - candidate.free[0].lower) * longest))
 
 
 def with_findings(outcome: Outcome, chosen: Sequence[Candidate], layout: Layout) -> Fit:
