@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from scipy import signal
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.measuring import step_of
 from impactscope.discrepancy.driven.model import Model, Segment
-from impactscope.discrepancy.driven.noise_judge import innovations
+from impactscope.discrepancy.driven.noise_judge import each_alone, joined
 from impactscope.discrepancy.driven.strangers import Group
 
 __all__ = ['channel_laws']
@@ -36,16 +37,7 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
     outputs = [y / largest for y in outputs]
     times: list[Array] = [s.period * np.arange(s.measured.size, dtype=np.float64) for s in chosen]
 
-    def column(parts: Sequence[Array]) -> Array:
-        pairs = zip(chosen, parts, strict=True)
-        return np.concatenate([innovations(s, p) for s, p in pairs])
-
-    def alone(parts: Sequence[Array]) -> list[Array]:
-        """One column for each recording, zero in the others."""
-        return [
-            column([p if j == k else np.zeros(p.size) for j, p in enumerate(parts)])
-            for k in range(len(parts))
-        ]
+    column, alone = partial(joined, chosen), partial(each_alone, chosen)
 
     stepped = step_of(chosen[0].measured) > COARSE * chosen[0].noise
     ones = [np.ones(y.size) for y in outputs]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from scipy import signal
 
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Model, Segment
-from impactscope.discrepancy.driven.noise_judge import innovations
+from impactscope.discrepancy.driven.noise_judge import each_alone, innovations, joined
 from impactscope.discrepancy.driven.plate_laws import STATE
 from impactscope.discrepancy.driven.strangers import Group
 
@@ -37,16 +38,7 @@ def moved_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
     ys = [y / largest for y in outputs]
     times: list[Array] = [s.period * np.arange(s.measured.size, dtype=np.float64) for s in chosen]
 
-    def column(parts: Sequence[Array]) -> Array:
-        pairs = zip(chosen, parts, strict=True)
-        return np.concatenate([innovations(s, p) for s, p in pairs])
-
-    def alone(parts: Sequence[Array]) -> list[Array]:
-        """One column for each recording, zero in the others."""
-        return [
-            column([p if j == k else np.zeros(p.size) for j, p in enumerate(parts)])
-            for k in range(len(parts))
-        ]
+    column, alone = partial(joined, chosen), partial(each_alone, chosen)
 
     for name, law in STATE:
         yield name, [column([law(x, v) for x, v in zip(xs, vs, strict=True)])]

@@ -16,7 +16,7 @@ from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
 
-__all__ = ['NoiseJudge', 'innovations', 'reduced']
+__all__ = ['NoiseJudge', 'each_alone', 'innovations', 'joined', 'reduced']
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,20 @@ def innovations(segment: Segment, residual: Array) -> Array:
     """A residual, whitened and in units of its noise, shape (n,)."""
     assert segment.whitener is not None  # noqa: S101 - only such segments come here
     return segment.whitener(residual)
+
+
+def joined(segments: Sequence[Segment], parts: Sequence[Array]) -> Array:
+    """Changes of several recordings as one whitened column, shape (n,)."""
+    pairs = zip(segments, parts, strict=True)
+    return np.concatenate([innovations(s, p) for s, p in pairs])
+
+
+def each_alone(segments: Sequence[Segment], parts: Sequence[Array]) -> list[Array]:
+    """One such column for each recording, zero in the others."""
+    return [
+        joined(segments, [p if j == k else np.zeros(p.size) for j, p in enumerate(parts)])
+        for k in range(len(parts))
+    ]
 
 
 class NoiseJudge(Judge):
