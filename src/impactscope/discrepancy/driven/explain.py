@@ -183,14 +183,11 @@ def _moved(
     case = moved_case(whole, mass)
     if case is None:
         return None, False
-    answer, outcome, sure = _exact(campaign, case, notes, tell, 0.5)
-    for _ in range(REPEATS):
-        again = moved_case(whole, mass, case, outcome.best)
-        if again is None or _alike(case, again):
-            break
-        case = again
-        answer, outcome, sure = _exact(campaign, case, notes, tell)
-    return answer, sure
+
+    def anew(before: Case, found: Fit) -> Case | None:
+        return moved_case(whole, mass, before, found)
+
+    return _repeated(campaign, case, anew, notes, tell)
 
 
 def _through_chain(
@@ -205,9 +202,24 @@ def _through_chain(
     case = chain_case(model, segments, linear)
     if case is None:
         return None, False
+
+    def anew(_: Case, found: Fit) -> Case | None:
+        return chain_case(model, segments, linear, found)
+
+    return _repeated(campaign, case, anew, notes, tell)
+
+
+def _repeated(
+    campaign: Campaign,
+    case: Case,
+    anew: Callable[[Case, Fit], Case | None],
+    notes: Sequence[str],
+    tell: Progress,
+) -> tuple[Answer, bool]:
+    """The answer once the noise, judged ``anew`` by what was found, no longer changes."""
     answer, outcome, sure = _exact(campaign, case, notes, tell, 0.5)
     for _ in range(REPEATS):
-        again = chain_case(model, segments, linear, outcome.best)
+        again = anew(case, outcome.best)
         if again is None or _alike(case, again):
             break
         case = again
