@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from impactscope.cli.console import Bar, out
-from impactscope.cli.options import Json, Report
+from impactscope.cli.options import Json
 
 if TYPE_CHECKING:
     from impactscope.discrepancy.answer import Answer
@@ -21,7 +21,10 @@ __all__ = ['explain']
 def explain(
     campaign: Annotated[Path, typer.Argument(help='Folder with campaign.yaml and recordings.')],
     json_file: Json = None,
-    report: Report = None,
+    report: Annotated[
+        Optional[Path],
+        typer.Option('--report', '--html', help='Write a self-contained HTML report.'),
+    ] = None,
     save_model: Annotated[
         Optional[Path],
         typer.Option('--save-model', help='Write campaign.yaml anew, with what was found.'),

@@ -1,5 +1,6 @@
 """Commands about files: simulate, info, convert, paper."""
 
+import dataclasses
 import time
 from pathlib import Path
 from typing import Annotated, Optional
@@ -94,6 +95,9 @@ def convert(
     sample_rate: SampleRate = None,
     skip_rows: SkipRows = None,
     transpose: Annotated[bool, typer.Option(help='Channels are rows, not columns.')] = False,
+    resample: Annotated[
+        bool, typer.Option('--resample', help='Times are uneven: to an even grid.')
+    ] = False,
     overwrite: Annotated[bool, typer.Option(help='Replace an existing recording.')] = False,
 ) -> None:
     """Turn CSV, NumPy or MATLAB data into a recording. Without a destination: describe the file.
@@ -113,6 +117,8 @@ def convert(
         raise ConfigurationError(
             'name the channels: --channel name=column:unit, or --mapping FILE'
         )
+    if resample:
+        columns = dataclasses.replace(columns, resample=True)
     made = recordings.convert(source, destination, columns, overwrite=overwrite)
     out.print(
         f'wrote [bold]{escape(str(destination))}[/bold]: {escape(", ".join(made.channels))}, '

@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import json
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.io
@@ -16,6 +18,7 @@ from impactscope.errors import ImpactscopeError, MissingChannelError, RecordingE
 
 __all__ = ['ColumnFile', 'describe', 'read_columns']
 
+MOST_LISTED = 100  # columns of a lying table that are named one by one
 _DELIMITERS = (',', ';', '\t', '|')
 _NUMPY_MAGIC, _ZIP_MAGIC, _HDF5_MAGIC = b'\x93NUMPY', b'PK\x03\x04', b'\x89HDF'
 _MATLAB_MAGIC = b'MATLAB 5.0 MAT-file'
@@ -38,7 +41,8 @@ class ColumnFile:
         """One column, shape (n_rows,).
 
         Args:
-            key: index, heading, variable, or variable and index as in ``data[2]``.
+            key: index, heading, variable (``structure.field`` in a structure), or variable and
+            index as in ``data[2]``.
 
         Raises MissingChannelError where it is not there.
         """
@@ -70,6 +74,12 @@ class ColumnFile:
         found = []
         for name, table in self.arrays.items():
             rows, columns = table.shape
+            if columns > MOST_LISTED and columns > rows:
+                found.append(
+                    f'{name or "the table"}: {columns} columns of {rows} rows; '
+                    f'transposed {rows} columns of {columns}'
+                )
+                continue
             for i in range(columns):
                 if name:
                     label = name if columns == 1 else f'{name}[{i}]'
@@ -89,11 +99,28 @@ def _table(array: NDArray[np.generic], path: Path, name: str) -> NDArray[np.floa
     return table if table.ndim == 2 else table.reshape(-1, 1)
 
 
+def _number(field: str) -> float:
+    """A field of a row; NaN where it is empty. A comma that is left in it is a decimal one."""
+    text = field.strip()
+    return float(text.replace(',', '.', 1)) if text else np.nan
+
+
 def _numeric(fields: list[str]) -> bool:
     try:
-        return bool([float(f) for f in fields if f.strip()])
+        return bool([_number(f) for f in fields if f.strip()])
     except ValueError:
         return False
+
+
+def _delimiter_of(tail: list[str]) -> str | None:
+    """What parts the fields of these lines; a comma beside another delimiter is a decimal one."""
+    text = ''.join(tail)
+    others = [d for d in _DELIMITERS if d != ',' and d in text]
+    if ',' in text and others:
+        numeric = sum(_numeric(_split(line, others[0])) for line in tail)
+        if 2 * numeric >= len(tail):  # headings may be among a short file's last lines
+            return others[0]
+    return ',' if ',' in text else next(iter(others), None)
 
 
 def _split(line: str, delimiter: str | None) -> list[str]:
@@ -111,7 +138,7 @@ def _read_text(path: Path, skip_rows: int | None, delimiter: str | None) -> Colu
         ) from error
     tail = [line for line in lines[-100:] if line.strip()]
     if delimiter is None:
-        delimiter = next((d for d in _DELIMITERS if d in ''.join(tail[-10:])), None)
+        delimiter = _delimiter_of(tail[-10:])
     first = skip_rows
     if first is None:
         # A header may hold numbers as well: the data are as wide as most of the last lines.
@@ -135,7 +162,7 @@ def _read_text(path: Path, skip_rows: int | None, delimiter: str | None) -> Colu
             )
         for j, field in enumerate(fields):
             try:
-                table[k, j] = float(field) if field.strip() else np.nan
+                table[k, j] = _number(field)
             except ValueError:
                 raise RecordingError(
                     f'{path.name!r}, line {number}, column {j}: {field[:40]!r} is no number'
@@ -161,10 +188,23 @@ def _read_json(path: Path) -> ColumnFile:
     return ColumnFile(path, arrays)
 
 
+def _matlab_variables(name: str, value: Any) -> Iterator[tuple[str, NDArray[np.generic]]]:
+    """Numeric arrays of a variable; those inside structures as ``structure.field``."""
+    if not isinstance(value, np.ndarray):
+        return
+    if value.dtype.names is not None and value.size == 1:
+        for field in value.dtype.names:
+            yield from _matlab_variables(f'{name}.{field}', value[field].flat[0])
+    elif value.dtype.kind in 'biuf' and value.ndim <= 2:
+        yield name, value
+
+
 def _read_matlab(path: Path) -> ColumnFile:
     arrays = {}
-    for name, array in scipy.io.loadmat(str(path)).items():
-        if not name.startswith('__') and getattr(array, 'dtype', np.dtype(object)).kind in 'biuf':
+    for variable, content in scipy.io.loadmat(str(path)).items():
+        if variable.startswith('__'):
+            continue
+        for name, array in _matlab_variables(variable, content):
             # MATLAB's vectors are tables of one row or one column.
             lying = array.ndim == 2 and array.shape[0] == 1
             arrays[name] = _table(array.T if lying else array, path, name)

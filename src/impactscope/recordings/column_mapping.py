@@ -64,6 +64,7 @@ class ColumnMapping:
     time: str | int | None = None  # column of sample times
     time_unit: str = 's'
     sample_rate: float | None = None  # Hz; where there is a time column it must agree
+    resample: bool = False  # times are uneven: to an even grid, at sample_rate where that is given
     skip_rows: int | None = None  # header lines of a text file; None: found
     delimiter: str | None = None
     transpose: bool = False  # rows of the file's table are the channels
@@ -82,6 +83,8 @@ class ColumnMapping:
             raise ConfigurationError(f'time_unit {self.time_unit!r} is no unit of time')
         if self.time is None and self.sample_rate is None:
             raise ConfigurationError('neither a time column nor a sample rate is given')
+        if self.resample and self.time is None:
+            raise ConfigurationError('resample needs a time column')
         rate = self.sample_rate
         if rate is not None and not (math.isfinite(rate) and rate > 0):
             raise ConfigurationError(f'sample_rate is {rate!r} Hz; it must be above zero')

@@ -16,6 +16,7 @@ from impactscope.version import __version__
 
 from .column_files import ColumnFile, read_columns
 from .column_mapping import ColumnMapping, ColumnSpec
+from .even_grid import EvenGrid, even_grid
 from .info import file_sha256
 from .units import to_si
 from .writer import RecordingWriter
@@ -47,6 +48,7 @@ def convert(
 ) -> Conversion:
     """Write the channels of a file of columns to an MCAP file of SampleBlocks, in SI units.
 
+    Where the mapping says ``resample``, samples of uneven times are brought to an even grid.
     The same input gives the same file, to the byte. Where the data comes from stands in the
     metadata ``provenance``: what the mapping states, the source's name and its SHA-256.
 
@@ -77,9 +79,19 @@ def convert(
                 f'column {spec.column!r} of {source.name!r} has {len(values)} rows, '
                 f'column {channels[0][0].column!r} has {count}'
             )
-    rate = _sample_rate(file, mapping, count, time_tolerance)
+    resampling: dict[str, str] = {}
+    if mapping.resample:
+        grid = _on_even_grid(file, mapping, [values for _, values in channels])
+        rate, count = grid.rate, grid.columns[0].size
+        channels = list(zip(mapping.channels, grid.columns, strict=True))
+        resampling['resampled'] = (
+            f'{rate:.9g} Hz, {grid.repeated} repeated stamps, {grid.lost} lost samples'
+        )
+    else:
+        rate = _sample_rate(file, mapping, count, time_tolerance)
     provenance = {
         **mapping.provenance,
+        **resampling,
         'source_file': source.name,
         'source_sha256': file_sha256(source),
         'converter': f'impactscope {__version__}',
@@ -112,6 +124,28 @@ def convert(
 
 def _in_si(values: NDArray[np.float64], spec: ColumnSpec) -> NDArray[np.float64]:
     return values * (spec.scale * to_si(spec.unit)[1])
+
+
+def _times(file: ColumnFile, mapping: ColumnMapping, count: int) -> NDArray[np.float64]:
+    """The column of times in s, shape (count,)."""
+    assert mapping.time is not None  # noqa: S101 - asked for only then
+    times = file.column(mapping.time) * to_si(mapping.time_unit)[1]
+    if len(times) != count or count < 2:
+        raise InputError(
+            f'{file.path.name!r} has {len(times)} times and {count} samples; '
+            'as many and two are needed'
+        )
+    return times
+
+
+def _on_even_grid(
+    file: ColumnFile, mapping: ColumnMapping, columns: list[NDArray[np.float64]]
+) -> EvenGrid:
+    times = _times(file, mapping, len(columns[0]))
+    try:
+        return even_grid(times, columns, mapping.sample_rate)
+    except InputError as error:
+        raise InputError(f'{file.path.name!r}: {error}') from error
 
 
 def _time(index: int, rate: float, start_ns: int) -> int:
@@ -152,11 +186,7 @@ def _sample_rate(file: ColumnFile, mapping: ColumnMapping, count: int, tolerance
         if mapping.sample_rate is None or count == 0:
             raise InputError(f'{name!r} holds no samples')
         return mapping.sample_rate
-    times = file.column(mapping.time) * to_si(mapping.time_unit)[1]
-    if len(times) != count or count < 2:
-        raise InputError(
-            f'{name!r} has {len(times)} times and {count} samples; as many and two are needed'
-        )
+    times = _times(file, mapping, count)
     bad = np.flatnonzero(~np.isfinite(times))
     if bad.size:
         raise InputError(f'{name!r}, row {bad[0]}: the time is {times[bad[0]]}')
@@ -166,6 +196,7 @@ def _sample_rate(file: ColumnFile, mapping: ColumnMapping, count: int, tolerance
         raise InputError(
             f'{name!r}, row {row}: the time does not advance '
             f'({times[row - 1]:.9g} s, then {times[row]:.9g} s)'
+            f'{_hint(times[row] == times[row - 1])}'
         )
     rate = mapping.sample_rate
     if rate is None:
@@ -179,5 +210,11 @@ def _sample_rate(file: ColumnFile, mapping: ColumnMapping, count: int, tolerance
         raise InputError(
             f'{name!r}: times are not uniform at {rate:.9g} Hz: row {worst} is '
             f'{deviation[worst]:.3g} s off, {deviation[worst] * rate:.2g} sample periods'
+            f'{_hint(True)}'
         )
     return rate
+
+
+def _hint(in_order: object) -> str:
+    """What helps where times are uneven but in order."""
+    return '; resample: true (--resample) puts them on an even grid' if in_order else ''

@@ -17,23 +17,34 @@ UNITS: dict[str, tuple[str, float]] = {
     'mN': ('N', 1e-3),
     'kN': ('N', 1e3),
     'lbf': ('N', _POUND_FORCE),
+    'kgf': ('N', _STANDARD_GRAVITY),
     'kip': ('N', 1e3 * _POUND_FORCE),
     'N m': ('N m', 1.0),
+    'mN m': ('N m', 1e-3),
+    'lbf inch': ('N m', _POUND_FORCE * _INCH),
     'm/s^2': ('m/s^2', 1.0),
+    'mm/s^2': ('m/s^2', 1e-3),
     'g': ('m/s^2', _STANDARD_GRAVITY),
     'm/s': ('m/s', 1.0),
     'mm/s': ('m/s', 1e-3),
+    'cm/s': ('m/s', 1e-2),
     'inch/s': ('m/s', _INCH),
     'm': ('m', 1.0),
     'mm': ('m', 1e-3),
+    'cm': ('m', 1e-2),
     'um': ('m', 1e-6),
     'inch': ('m', _INCH),
     'rad': ('rad', 1.0),
     'deg': ('rad', math.pi / 180.0),
     'rad/s': ('rad/s', 1.0),
     'deg/s': ('rad/s', math.pi / 180.0),
+    'rpm': ('rad/s', math.pi / 30.0),
+    'rad/s^2': ('rad/s^2', 1.0),
+    'deg/s^2': ('rad/s^2', math.pi / 180.0),
     'V': ('V', 1.0),
     'mV': ('V', 1e-3),
+    'A': ('A', 1.0),
+    'mA': ('A', 1e-3),
     'Pa': ('Pa', 1.0),
     'kPa': ('Pa', 1e3),
     'MPa': ('Pa', 1e6),
@@ -46,6 +57,9 @@ UNITS: dict[str, tuple[str, float]] = {
 """Name of a unit to (SI unit, factor): a value in SI is the value times the factor."""
 
 _ALIASES = {'m/s2': 'm/s^2', 'm/s²': 'm/s^2', 'in': 'inch', 'Nm': 'N m', 'µm': 'um', '°': 'deg'}
+_ALIASES |= {'N*m': 'N m', 'N·m': 'N m', 'Nmm': 'mN m', 'N mm': 'mN m', '°/s': 'deg/s'}
+_ALIASES |= {'rad/s2': 'rad/s^2', 'rad/s²': 'rad/s^2', 'mm/s2': 'mm/s^2', 'mm/s²': 'mm/s^2'}
+_ALIASES |= {'μm': 'um', 'µs': 'us', 'μs': 'us', 'lbs': 'lbf', 'lb': 'lbf', 'G': 'g'}
 
 
 def to_si(unit: str) -> tuple[str, float]:
