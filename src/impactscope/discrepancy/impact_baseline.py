@@ -238,7 +238,7 @@ def _implied_weight(
     for i, blow in enumerate(data.blows):
         recording = blow.recording
         if recording.kind == 'drop' and name == 'gravity_load':
-            constants[f'{key}@{i}'] = recording.effective_mass * STANDARD_GRAVITY
+            constants[f'{key}@{i}'] = math.nan  # follows from the mass of the moment
         if recording.kind != 'pendulum':
             continue
         if not geometry:

@@ -19,7 +19,7 @@ from scipy import signal
 from impactscope.discrepancy.impact_data import BinnedChannel, BlowData, CampaignData
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import mechanism
-from impactscope.physics.pendulum import Orientation, Pendulum
+from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum
 from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.assembly import Effect, assemble
 from impactscope.physics.twin.bench import (
@@ -392,7 +392,9 @@ def _after_loss(key: str, stated: float, ratio: float, values: Mapping[str, floa
 
 
 def _follow_weight(numbers: dict[str, float], blow: Blow, bench: Bench) -> bool:
-    """Fill in the pendulum's weight where it is to follow from the geometry; False: none acts."""
+    """Fill in a weight that is to follow from geometry or mass; False: none acts."""
+    if isinstance(blow, RobotBlow) and math.isnan(numbers.get('force', 0.0)):
+        numbers['force'] = blow.effective_mass * STANDARD_GRAVITY
     if not isinstance(blow, PendulumBlow):
         return True
     pendulum, horizontal = blow.pendulum, bench.orientation is Orientation.HORIZONTAL
