@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from impactscope.recordings import RecordingWriter
 from impactscope.records import NANOSECONDS, SampleBlock
 
+from .bench import GRAVITY
+from .effect import swung
 from .measurement import INPUTS, measure
-from .scenario import Blow, Scenario
+from .scenario import STRIKES, Blow, Scenario
 
 __all__ = ['campaign_file', 'write_campaign']
 
@@ -76,11 +78,16 @@ def campaign_file(stated: Scenario) -> dict[str, object]:
             'damping_ratio': None,
         },
         'damper': damper,
-        'pendulum': stated.pendulum._asdict() | {'release_angle_std_deg': stated.angle_std_deg},
+        **(_pendulum(stated) if swung(stated) else {}),
         'gain_std': gains,
         'baseline': list(stated.baseline),
         'recordings': [_recording(i, blow, stated) for i, blow in enumerate(stated.blows)],
     }
+
+
+def _pendulum(stated: Scenario) -> dict[str, object]:
+    angle = {'release_angle_std_deg': stated.angle_std_deg}
+    return {'pendulum': stated.pendulum._asdict() | angle}
 
 
 def _given_bench(stated: Scenario) -> dict[str, object]:
@@ -104,6 +111,12 @@ def _recording(index: int, blow: Blow, stated: Scenario) -> dict[str, object]:
             'release_angle_deg': blow.angle_deg,
             'damper': stated.layer is not None,
         }
+    elif blow.kind in STRIKES:
+        entry |= {'effective_mass': blow.labelled_mass, 'damper': stated.layer is not None}
+        if blow.kind == 'robot':
+            entry['speed'] = blow.labelled_speed
+        else:
+            entry['drop_height'] = round(blow.labelled_speed**2 / (2 * GRAVITY), 5)
     return entry | {'role': blow.role}
 
 

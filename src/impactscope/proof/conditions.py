@@ -8,11 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from .bench import BENCH, Bench, Pendulum, Pulse
+from .bench import BENCH, GRAVITY, Bench, Pendulum, Pulse
+from .detectability import STATED
 from .given_course import Wave
 from .integrator import COLUMNS, integrate
 from .measurement import INPUTS, REPEATABLE
-from .scenario import Blow, Chain, Scenario, Sensor, impactor
+from .scenario import STRIKES, Blow, Chain, Scenario, Sensor, impactor
 
 __all__ = ['draw_scenario']
 
@@ -51,7 +52,6 @@ def _impact(rng: np.random.Generator) -> Scenario:
         mass=mass,
         stiffness=true,
         damping=2 * zeta * math.sqrt(true * mass),
-        gravity_load=1.0 if orientation == 'vertical' else 0.0,
         **(
             LAYER
             if layered
@@ -62,6 +62,11 @@ def _impact(rng: np.random.Generator) -> Scenario:
         ),
     )
     pendulum = Pendulum()
+    striker = str(rng.choice(['pendulum', 'robot', 'drop'], p=[0.8, 0.12, 0.08]))
+    if striker == 'drop':
+        orientation = 'vertical'
+    weight = orientation == 'vertical' and striker != 'robot'
+    bench = bench._replace(gravity_load=1.0 if weight else 0.0)
     blows: list[Blow] = []
     for i in range(count):
         start = float(rng.uniform(0.3, 0.6))
@@ -71,6 +76,9 @@ def _impact(rng: np.random.Generator) -> Scenario:
         if i < taps:
             tapped = bench._replace(gravity_load=0.0)
             blows.append(Blow('tap', tapped, start, duration, role, (_tap(rng),), hum_phase=phase))
+            continue
+        if striker != 'pendulum':
+            blows.append(_straight(rng, striker, bench, start, duration, role, phase))
             continue
         angle = float(rng.uniform(5, 16) if orientation == 'vertical' else rng.uniform(15, 40))
         blow = Blow(
@@ -85,17 +93,10 @@ def _impact(rng: np.random.Generator) -> Scenario:
             hum_phase=phase,
         )
         fields = impactor(pendulum, blow, orientation, bench)
-        blow = replace(blow, bench=bench._replace(**fields))
-        pull = fields['gravity_load'] / fields['impactor_mass']
-        blows.append(
-            replace(
-                blow,
-                duration=start + _legible(blow, noise),
-                fall=fields['speed'] / pull if pull > 0 else 0.2,
-            )
-        )
+        blows.append(replace(blow, bench=bench._replace(**fields)))
+    blows = [_as_long_as_legible(blow, noise) for blow in blows]
     baseline = ['linear_sensor', 'zener_damper' if layered else 'hertz_contact']
-    baseline += ['unilateral_contact', *(['gravity_load'] if orientation == 'vertical' else [])]
+    baseline += ['unilateral_contact', *(['gravity_load'] if weight else [])]
     return Scenario(
         'impact',
         orientation,
@@ -108,6 +109,47 @@ def _impact(rng: np.random.Generator) -> Scenario:
         sensor=Sensor(stiffness),
         pendulum=pendulum,
         gain_std=deviation,
+    )
+
+
+def _straight(
+    rng: np.random.Generator,
+    striker: str,
+    bench: Bench,
+    start: float,
+    duration: float,
+    role: str,
+    phase: float,
+) -> Blow:
+    """A blow of a robot or of a falling body; mass and speed are stated a little wrong."""
+    mass = round(float(rng.uniform(0.5, 3.0) if striker == 'drop' else rng.uniform(1.5, 6.0)), 2)
+    speed = round(float(rng.uniform(0.15, 0.5)), 3)
+    true = mass * (1 + STATED / 4 * float(rng.normal()))
+    struck = bench._replace(
+        impactor_mass=true,
+        speed=speed * (1 + STATED / 4 * float(rng.normal())),
+        gravity_load=true * GRAVITY * bench.gravity_load,
+    )
+    return Blow(
+        striker,
+        struck,
+        start,
+        duration,
+        role,
+        labelled_mass=mass,
+        labelled_speed=speed,
+        hum_phase=phase,
+    )
+
+
+def _as_long_as_legible(blow: Blow, noise: Mapping[str, float]) -> Blow:
+    if blow.kind not in STRIKES:
+        return blow
+    pull = blow.bench.gravity_load / blow.bench.impactor_mass
+    return replace(
+        blow,
+        duration=blow.start + _legible(blow, noise),
+        fall=blow.bench.speed / pull if pull > 0 else 0.2,
     )
 
 

@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .measurement import noise_free, whitened
-from .scenario import Blow, Scenario, impactor
+from .scenario import STRIKES, Blow, Scenario, impactor
 
-__all__ = ['Companion', 'Freedom', 'Knob', 'norm', 'samples']
+__all__ = ['STATED', 'Companion', 'Freedom', 'Knob', 'norm', 'samples']
 
 Array = NDArray[np.float64]
 
+STATED = 0.02  # relative: what is known of a stated mass and speed of a robot or a falling body
 _SPANS = (0.03, 0.1, 0.3)  # s after the first contact
 _FACTOR = 0.1, 5.0  # the least and the most a number of the bench is turned by
 _COMPANION = 'companion'
@@ -284,11 +285,13 @@ def _knobs(scenario: Scenario) -> list[Knob]:
         if name in scenario.gain_std
     ]
     for i, blow in enumerate(scenario.blows):
-        if blow.kind not in ('tap', 'pendulum'):
+        if blow.kind != 'tap' and blow.kind not in STRIKES:
             continue  # input and output are on one clock
         knobs.append(Knob('start', 1e-7, blow=i))
         if blow.kind == 'tap':
             knobs.append(Knob('tap', 1e-3, blow=i))
+        elif blow.kind != 'pendulum':
+            knobs += [Knob(n, 1e-4, STATED, blow=i) for n in ('speed', 'impactor_mass')]
         else:
             knobs.append(Knob('angle', 1e-4, scenario.angle_std_deg, blow=i))
     return knobs

@@ -13,6 +13,7 @@ from impactscope.errors import ConfigurationError
 
 from .conditions import draw_scenario
 from .detectability import Companion, Freedom, norm
+from .effect import swung
 from .effects import EFFECTS, Effect
 from .scenario import Scenario
 
@@ -96,6 +97,8 @@ def draw(
     if not _possible(category, kind):
         raise ConfigurationError(f'no campaign of kind {kind!r} conceals a wrong {category}')
     clean = draw_scenario(rng, kind)
+    while category == 'label' and not swung(clean):  # the labels that may be wrong are its
+        clean = draw_scenario(rng, kind)
     if category == 'clean':
         return Concealed(clean, clean, category)
     if category == 'pair':

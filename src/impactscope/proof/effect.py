@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .measurement import noise_free
-from .scenario import Scenario
+from .scenario import STRIKES, Scenario
 
 __all__ = [
     'Aux',
@@ -18,6 +18,7 @@ __all__ = [
     'largest',
     'mechanical',
     'struck',
+    'swung',
     'with_layer',
 ]
 
@@ -38,7 +39,12 @@ def mechanical(scenario: Scenario) -> bool:
 
 
 def struck(scenario: Scenario) -> bool:
-    """Whether the pendulum strikes in this campaign."""
+    """Whether an impactor strikes in this campaign."""
+    return any(b.kind in STRIKES for b in scenario.blows)
+
+
+def swung(scenario: Scenario) -> bool:
+    """Whether the impactor is the pendulum."""
     return any(b.kind == 'pendulum' for b in scenario.blows)
 
 

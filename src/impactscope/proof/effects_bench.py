@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .effect import Aux, Effect, bench_effect, largest, struck, with_layer
+from .effect import Aux, Effect, bench_effect, largest, struck, swung, with_layer
 from .measurement import input_channel
 from .scenario import Scenario
 
@@ -17,7 +17,7 @@ Drawn = dict[str, float | str]
 
 
 def _vertical(scenario: Scenario) -> bool:
-    return struck(scenario) and scenario.orientation == 'vertical'
+    return swung(scenario) and scenario.orientation == 'vertical'
 
 
 def _taps_and_blows(scenario: Scenario) -> bool:

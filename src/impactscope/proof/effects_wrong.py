@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .effect import Aux, Effect, struck, with_layer
+from .effect import Aux, Effect, struck, swung, with_layer
 from .scenario import Blow, Scenario, impactor
 
 __all__ = ['WRONG_LABELS', 'WRONG_NUMBERS']
@@ -118,7 +118,7 @@ def _lying(scenario: Scenario, _strength: float, _aux: Aux) -> Scenario:
 
 
 def _vertical(scenario: Scenario) -> bool:
-    return struck(scenario) and scenario.orientation == 'vertical'
+    return swung(scenario) and scenario.orientation == 'vertical'
 
 
 def _label(
@@ -126,7 +126,7 @@ def _label(
     apply: Apply,
     span: tuple[float, float],
     setup: Callable[[np.random.Generator, Scenario], Drawn] = _which,
-    fits: Callable[[Scenario], bool] = struck,
+    fits: Callable[[Scenario], bool] = swung,
     *,
     tunable: bool = True,
 ) -> Effect:
@@ -151,9 +151,9 @@ WRONG_NUMBERS: tuple[Effect, ...] = (
     _wrong('sensor.stiffness', _scaled('stiffness'), struck, _spring),
     _wrong('damper.parallel_stiffness', _scaled('layer_stiffness'), with_layer),
     _wrong('damper.branches.0.stiffness', _scaled('branch_stiffness'), with_layer),
-    _wrong('pendulum.moving_mass', _pendulum('moving_mass'), struck),
-    _wrong('pendulum.rod_mass', _pendulum('rod_mass'), struck),
-    _wrong('pendulum.contact_distance', _pendulum('contact_distance'), struck),
+    _wrong('pendulum.moving_mass', _pendulum('moving_mass'), swung),
+    _wrong('pendulum.rod_mass', _pendulum('rod_mass'), swung),
+    _wrong('pendulum.contact_distance', _pendulum('contact_distance'), swung),
     _wrong('gain', _gain, _bare),
 )
 

@@ -14,7 +14,7 @@ from scipy.signal import bilinear, butter, lfilter, sosfilt, sosfiltfilt
 
 from .given_course import course, device_force
 from .integrator import COLUMNS, integrate
-from .scenario import Blow, Chain, Scenario
+from .scenario import STRIKES, Blow, Chain, Scenario
 
 __all__ = ['INPUTS', 'REPEATABLE', 'input_channel', 'measure', 'noise_free', 'whitened']
 
@@ -177,8 +177,8 @@ def _weights(blow: Blow, channel: str, rate: float, noise: float) -> Array:
     if blow.excited_until > 0:
         first = math.floor((blow.start - 1e-3) * rate)
         weights[first : math.ceil((blow.start + blow.excited_until + 1e-3) * rate)] = 0.0
-    if blow.kind == 'pendulum':
-        if channel == 'acceleration.impactor':  # how it was let go is not told
+    if blow.kind in STRIKES:
+        if channel == 'acceleration.impactor':  # how it came there is not told
             weights[: math.ceil(blow.start * rate)] = 0.0
         faster = replace(
             blow, bench=blow.bench._replace(speed=blow.bench.speed * (1 + REPEATABLE))

@@ -9,7 +9,9 @@ from typing import NamedTuple
 from .bench import Bench, Pendulum, Pulse
 from .given_course import Wave
 
-__all__ = ['Blow', 'Chain', 'Scenario', 'Sensor', 'impactor']
+__all__ = ['STRIKES', 'Blow', 'Chain', 'Scenario', 'Sensor', 'impactor']
+
+STRIKES = ('pendulum', 'robot', 'drop')  # kinds of blow in which an impactor strikes
 
 
 class Chain(NamedTuple):
@@ -49,7 +51,7 @@ class Sensor(NamedTuple):
 class Blow:
     """One recording: what happens in it, and what the campaign file says of it."""
 
-    kind: str  # 'tap', 'pendulum', 'driven', 'prescribed' or 'chain'
+    kind: str  # 'tap', one of STRIKES, 'driven', 'prescribed' or 'chain'
     bench: Bench
     start: float  # s from the begin of the recording to first contact
     duration: float  # s, of the recording
@@ -57,6 +59,8 @@ class Blow:
     pulses: tuple[Pulse, ...] = ()  # times after ``start``
     distance: float = 0.0  # m, of the movable mass, as labelled
     angle_deg: float = 0.0  # release, as labelled
+    labelled_mass: float = 0.0  # kg, of a robot or a falling body
+    labelled_speed: float = 0.0  # m/s, likewise
     distance_error: float = 0.0  # m, true minus labelled
     angle_error_deg: float = 0.0  # true minus labelled: scatter, or a wrong label
     fall: float = 0.0  # s, from release to first contact
