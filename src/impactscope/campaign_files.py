@@ -10,12 +10,8 @@ import numpy as np
 import yaml
 
 from impactscope.discrepancy.answer import Answer
-from impactscope.discrepancy.campaign import (
-    BaselineItem,
-    Campaign,
-    ChannelSamples,
-    parse_campaign,
-)
+from impactscope.discrepancy.campaign import BaselineItem, Campaign, ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.explain import explain
 from impactscope.errors import ConfigurationError, RecordingError
 from impactscope.inputs import inputs_of, recorded_items

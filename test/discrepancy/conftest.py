@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from impactscope.discrepancy.campaign import Campaign, ChannelSamples, parse_campaign
+from impactscope.discrepancy.campaign import Campaign, ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.physics.pendulum import Orientation, Pendulum
 from impactscope.physics.twin.assembly import Effect, implied_effects
 from impactscope.physics.twin.bench import (

@@ -8,12 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from impactscope.discrepancy.campaign import (
-    CampaignKind,
-    ChannelSamples,
-    Role,
-    parse_campaign,
-)
+from impactscope.discrepancy.campaign import CampaignKind, ChannelSamples, Role
+from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.errors import ConfigurationError
 from impactscope.physics.pendulum import Orientation
 
@@ -92,6 +88,9 @@ def test_other_kinds_keep_what_only_they_have(kind):
         (['bench', 'orientation'], 'diagonal', "'diagonal'"),
         (['sensor', 'stiffness'], 'stiff', "'stiff'"),
         (['sensor', 'stiffness'], {'value': 1.0, 'std': -1.0}, 'negative'),
+        (['sensor', 'stiffness'], {'value': 69.0, 'unit': 'kg'}, "'kg'.*N/mm"),
+        (['sensor', 'stiffness'], {'value': 69.0, 'unit': 'lbf/in'}, "'lbf/in'"),
+        (['recordings', 1, 'mass_distance'], {'value': 0.2, 'unit': 'N'}, "'N'"),
         (['recordings'], [], 'at least one'),
         (['recordings', 0, 'kind'], 'kick', "'kick'"),
         (['recordings', 1, 'role'], 'maybe', "'maybe'"),
@@ -136,3 +135,39 @@ def test_samples_are_put_in_by_file():
     channel = campaign.recordings[0].channels['force']
     assert channel.time[-1] == pytest.approx(0.59)
     assert campaign.recordings[0].duration == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize(
+    ('path', 'unit', 'factor'),
+    [
+        (['sensor', 'stiffness'], 'N/mm', 1e3),
+        (['damper', 'parallel_stiffness'], 'kN/m', 1e3),
+        (['pendulum', 'rod_mass'], 'g', 1e-3),
+    ],
+)
+def test_numbers_may_state_another_unit_of_their_kind(path, unit, factor):
+    campaign = parse_campaign(changed(path, {'value': 70.0, 'std': 2.0, 'unit': unit}))
+    found = getattr(campaign, path[0])[path[1]]
+    assert found.value == pytest.approx(70.0 * factor)
+    assert found.std == pytest.approx(2.0 * factor)
+
+
+def test_what_is_stated_of_a_robot_has_its_uncertainty():
+    data = copy.deepcopy(IMPACT)
+    data['recordings'] += [
+        {'file': 'a.mcap', 'kind': 'robot', 'effective_mass': 4.0, 'speed': 0.25},
+        {'file': 'b.mcap', 'kind': 'robot', 'speed': {'value': 250, 'std': 1, 'unit': 'mm/s'}},
+        {'file': 'c.mcap', 'kind': 'drop', 'effective_mass': 2.0, 'drop_height': 0.1},
+    ]
+    *_, presumed, stated, fallen = parse_campaign(data).recordings
+    assert presumed.uncertainty('speed') == pytest.approx(0.005)
+    assert presumed.uncertainty('effective_mass') == pytest.approx(0.08)
+    assert (stated.speed, stated.uncertainty('speed')) == pytest.approx((0.25, 0.001))
+    assert fallen.uncertainty('drop_height') == pytest.approx(0.004)
+
+
+def test_descriptions_are_passed_over():
+    data = copy.deepcopy(IMPACT)
+    data['title'] = data['recordings'][0]['description'] = 'words <b>of somebody</b>'
+    data['sensor']['name'] = data['pendulum']['notes'] = 'No. 3'
+    assert parse_campaign(data).sensor.keys() == parse_campaign(IMPACT).sensor.keys()

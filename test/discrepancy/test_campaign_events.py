@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from impactscope.discrepancy.campaign import parse_campaign
+from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.errors import ConfigurationError
 from impactscope.records import Channel, ImpactEvent
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from impactscope.discrepancy.campaign import ChannelSamples, parse_campaign
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.case import BANDS, Bands, band_levels
 from impactscope.discrepancy.driven.channel_effects import channel_terms

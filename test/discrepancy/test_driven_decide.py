@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from impactscope.campaign_files import read_channels
-from impactscope.discrepancy.campaign import parse_campaign
+from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.decide import WORTH, Judge, counting_samples, noise_share
 from impactscope.discrepancy.driven.fitting import Fit

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from impactscope.discrepancy.campaign import ChannelSamples, parse_campaign
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.strangers import Stranger, equivalent_gain
 

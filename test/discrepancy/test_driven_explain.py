@@ -7,7 +7,8 @@ import pytest
 from scipy import signal
 from scipy.integrate import solve_ivp
 
-from impactscope.discrepancy.campaign import ChannelSamples, parse_campaign
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.errors import ConfigurationError, InputError, MissingChannelError
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from impactscope.discrepancy.campaign import ChannelSamples, parse_campaign
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.course import course_of
 from impactscope.discrepancy.driven.moved import MovedNoise

@@ -1,7 +1,8 @@
 """A campaign: recordings of one bench, what is known of it, and what the simulation has.
 
-The records are made from the parsed ``campaign.yaml`` by :func:`parse_campaign`; the samples
-are put in afterwards by whoever reads the files. SI units; angles in degrees only where a name
+The records are made from the parsed ``campaign.yaml`` by
+:func:`impactscope.discrepancy.campaign_description.parse_campaign`; the samples are put in
+afterwards by whoever reads the files. SI units; angles in degrees only where a name
 says so. What is not known may be left out wherever something can still be answered without it.
 """
 
@@ -29,15 +30,11 @@ __all__ = [
     'ChannelSamples',
     'Quantity',
     'Role',
-    'parse_campaign',
 ]
-
-CAMPAIGN_VERSION = 1
-
-BLOW_KINDS = ('tap', 'pendulum', 'robot', 'drop', 'driven')
 
 DEFAULT_GAIN_STD = {'force': 0.003, 'acceleration': 0.005}
 DEFAULT_ANGLE_STD_DEG = 0.1
+DEFAULT_STD = {'effective_mass': 0.02, 'speed': 0.02, 'drop_height': 0.04}  # relative
 
 
 class CampaignKind(enum.Enum):
@@ -100,9 +97,14 @@ class CampaignRecording:
     effective_mass: float = math.nan  # kg, of a robot or a falling mass
     speed: float = math.nan  # m/s, at impact
     drop_height: float = math.nan  # m
+    std: Mapping[str, float] = field(default_factory=dict)  # of these three, where stated
     start: float = math.nan  # s, part of the recording to look at
     end: float = math.nan
     channels: Mapping[str, ChannelSamples] = field(default_factory=dict)
+
+    def uncertainty(self, name: str) -> float:
+        """Standard deviation of ``effective_mass``, ``speed`` or ``drop_height``."""
+        return self.std.get(name, DEFAULT_STD[name] * float(getattr(self, name)))
 
     @property
     def duration(self) -> float:
@@ -201,295 +203,3 @@ def _channels_of(event: ImpactEvent) -> dict[str, ChannelSamples]:
         )
         for row, channel in enumerate(event.channels)
     }
-
-
-def parse_campaign(data: Any, name: str = 'campaign') -> Campaign:
-    """A campaign from the parsed ``campaign.yaml``, without samples.
-
-    Raises ConfigurationError for what is wrong or of the wrong type; what is merely absent
-    leaves a note where an answer is still possible without it.
-    """
-    top = _Mapping(data, name)
-    version = top.take('version')
-    if version != CAMPAIGN_VERSION:
-        raise ConfigurationError(
-            f'{name}: version is {version!r}; this software reads version {CAMPAIGN_VERSION}'
-        )
-    bench = top.mapping('bench')
-    kind_text = bench.data.get('kind')
-    try:
-        kind = CampaignKind(kind_text)
-    except ValueError:
-        known = ', '.join(k.value for k in CampaignKind)
-        raise ConfigurationError(
-            f'{name}: bench.kind is {kind_text!r}; it must be one of {known}'
-        ) from None
-    notes: list[str] = []
-    _check_roles(bench, kind)
-    orientation = _orientation(bench, kind, notes)
-    sensor = _quantities(top.mapping('sensor', optional=True))
-    damper = _damper(top.take('damper', None), name)
-    pendulum_map = top.mapping('pendulum', optional=True)
-    angle_std = _positive(
-        pendulum_map.take('release_angle_std_deg', DEFAULT_ANGLE_STD_DEG),
-        f'{name}: pendulum.release_angle_std_deg',
-    )
-    pendulum = _quantities(pendulum_map)
-    baseline = _baseline(top.take('baseline', []), name)
-    recordings = _recordings(top.take('recordings', None), kind, name, notes)
-    if kind is CampaignKind.IMPACT:
-        _note_what_is_missing(recordings, pendulum, damper, notes)
-    gain_std = dict(DEFAULT_GAIN_STD)
-    gain_std.update(_floats(top.mapping('gain_std', optional=True)))
-    result = Campaign(
-        name=name,
-        kind=kind,
-        recordings=recordings,
-        baseline=baseline,
-        orientation=orientation,
-        sensor=sensor,
-        damper=damper,
-        pendulum=pendulum,
-        release_angle_std_deg=angle_std,
-        clock_std=_positive(top.take('clock_std', 0.0), f'{name}: clock_std'),
-        gain_std=gain_std,
-        noise_std=_floats(top.mapping('noise_std', optional=True)),
-        bench=dict(bench.data),
-        model=dict(top.mapping('model', optional=True).data),
-        notes=tuple(notes),
-    )
-    top.refuse_rest()
-    return result
-
-
-# --- parts of the file ---------------------------------------------------------------------------
-
-
-class _Mapping:
-    """A mapping of the file that remembers which of its entries were read."""
-
-    def __init__(self, data: Any, where: str) -> None:
-        if not isinstance(data, Mapping):
-            raise ConfigurationError(f'{where} must be a mapping, not {type(data).__name__}')
-        self.data: Mapping[str, Any] = data
-        self.where = where
-        self._read: set[str] = set()
-
-    def take(self, key: str, *default: Any) -> Any:
-        self._read.add(key)
-        if key not in self.data and not default:
-            raise ConfigurationError(f'{self.where}: {key!r} is missing')
-        return self.data.get(key, *default)
-
-    def mapping(self, key: str, *, optional: bool = False) -> _Mapping:
-        value = self.take(key, None) if optional else self.take(key)
-        return _Mapping({} if optional and value is None else value, f'{self.where}: {key}')
-
-    def refuse_rest(self) -> None:
-        rest = sorted(str(key) for key in set(self.data) - self._read)
-        if rest:
-            raise ConfigurationError(f'{self.where}: {rest[0]!r} is not known here')
-
-
-def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ConfigurationError(f'{where} is {value!r}; it must be a finite number')
-    return float(value)
-
-
-def _positive(value: Any, where: str) -> float:
-    number = _number(value, where)
-    if number < 0:
-        raise ConfigurationError(f'{where} is {number!r}; it must not be negative')
-    return number
-
-
-def _quantity(value: Any, where: str) -> Quantity:
-    if value is None:
-        return Quantity()
-    if isinstance(value, Mapping):
-        item = _Mapping(value, where)
-        number = _number(item.take('value'), f'{where}.value')
-        std = _positive(item.take('std', 0.0), f'{where}.std')
-        item.take('unit', '')
-        item.refuse_rest()
-        return Quantity(number, std)
-    return Quantity(_number(value, where))
-
-
-def _quantities(mapping: _Mapping) -> dict[str, Quantity]:
-    found = {}
-    for key, value in mapping.data.items():
-        if not str(key).endswith('_std_deg'):
-            found[str(key)] = _quantity(value, f'{mapping.where}.{key}')
-    return found
-
-
-def _floats(mapping: _Mapping) -> dict[str, float]:
-    return {str(k): _positive(v, f'{mapping.where}.{k}') for k, v in mapping.data.items()}
-
-
-def _check_roles(bench: _Mapping, kind: CampaignKind) -> None:
-    needed = {
-        CampaignKind.DRIVEN: ('input', 'outputs'),
-        CampaignKind.PRESCRIBED_MOTION: ('motion', 'output'),
-        CampaignKind.CHAIN: ('input', 'output'),
-        CampaignKind.IMPACT: (),
-    }[kind]
-    for key in needed:
-        value = bench.take(key)
-        names = value if key == 'outputs' else [value]
-        if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
-            raise ConfigurationError(
-                f'{bench.where}.{key} is {value!r}; it must name '
-                f'{"channels" if key == "outputs" else "a channel"}'
-            )
-
-
-def _orientation(bench: _Mapping, kind: CampaignKind, notes: list[str]) -> Orientation | None:
-    value = bench.data.get('orientation')
-    if value is None:
-        if kind is CampaignKind.IMPACT:
-            notes.append(
-                'The bench states no orientation: vertical is presumed, so that the weight of '
-                'the pendulum rests on the plate.'
-            )
-        return None
-    try:
-        return Orientation(value)
-    except ValueError:
-        raise ConfigurationError(
-            f"{bench.where}.orientation is {value!r}; it must be 'vertical' or 'horizontal'"
-        ) from None
-
-
-def _damper(data: Any, name: str) -> Mapping[str, Any] | None:
-    if data is None:
-        return None
-    damper = _Mapping(data, f'{name}: damper')
-    where = damper.where
-    parallel = _quantity(damper.take('parallel_stiffness'), f'{where}.parallel_stiffness')
-    branches = []
-    listed = damper.take('branches', [])
-    if not isinstance(listed, list):
-        raise ConfigurationError(f'{where}.branches must be a list')
-    for i, entry in enumerate(listed):
-        branch = _Mapping(entry, f'{where}.branches[{i}]')
-        branches.append(
-            {
-                key: _quantity(branch.take(key), f'{branch.where}.{key}')
-                for key in ('stiffness', 'damping')
-            }
-        )
-        branch.refuse_rest()
-    damper.take('name', '')
-    damper.refuse_rest()
-    return {'parallel_stiffness': parallel, 'branches': branches}
-
-
-def _baseline(data: Any, name: str) -> tuple[BaselineItem, ...]:
-    if not isinstance(data, list):
-        raise ConfigurationError(f'{name}: baseline must be a list of names')
-    items = []
-    for entry in data:
-        if isinstance(entry, str):
-            items.append(BaselineItem(entry))
-            continue
-        mapping = _Mapping(entry, f'{name}: baseline entry')
-        item = mapping.take('name')
-        values = {
-            key: _number(value, f'{name}: baseline {item}.{key}')
-            for key, value in mapping.mapping('values', optional=True).data.items()
-        }
-        items.append(BaselineItem(str(item), values, str(mapping.take('channel', ''))))
-        mapping.refuse_rest()
-    return tuple(items)
-
-
-_RECORDING_NUMBERS = (
-    'mass_distance',
-    'release_angle_deg',
-    'effective_mass',
-    'speed',
-    'drop_height',
-    'start',
-    'end',
-)
-
-
-def _recordings(
-    data: Any, kind: CampaignKind, name: str, notes: list[str]
-) -> tuple[CampaignRecording, ...]:
-    if not isinstance(data, list) or not data:
-        raise ConfigurationError(f'{name}: recordings must be a list of at least one recording')
-    found = []
-    for i, entry in enumerate(data):
-        item = _Mapping(entry, f'{name}: recordings[{i}]')
-        file = item.take('file')
-        if not isinstance(file, str) or not file:
-            raise ConfigurationError(f'{item.where}.file is {file!r}; it must be a file name')
-        blow = item.take('kind', '')
-        if kind is CampaignKind.IMPACT and blow not in BLOW_KINDS:
-            raise ConfigurationError(
-                f'{item.where}.kind is {blow!r}; it must be one of {", ".join(BLOW_KINDS)}'
-            )
-        role = item.take('role', 'fit')
-        if role not in ('fit', 'hold_out'):
-            raise ConfigurationError(
-                f"{item.where}.role is {role!r}; it must be 'fit' or 'hold_out'"
-            )
-        numbers = {
-            key: _number(item.take(key), f'{item.where}.{key}')
-            for key in _RECORDING_NUMBERS
-            if item.data.get(key) is not None
-        }
-        damper = item.take('damper', True)
-        if not isinstance(damper, bool):
-            raise ConfigurationError(
-                f'{item.where}.damper is {damper!r}; it must be true or false'
-            )
-        item.take('notes', '')
-        for key in _RECORDING_NUMBERS:
-            item.take(key, None)
-        item.refuse_rest()
-        recording = CampaignRecording(file, str(blow), Role(role), damper=damper)
-        found.append(dataclasses.replace(recording, **numbers))  # type: ignore[arg-type]
-    names = [r.file for r in found]
-    double = next((n for n in names if names.count(n) > 1), None)
-    if double is not None and kind is CampaignKind.IMPACT:
-        raise ConfigurationError(f'{name}: recording {double!r} is listed more than once')
-    if all(r.role is Role.HOLD_OUT for r in found):
-        raise ConfigurationError(f'{name}: every recording is held out; none is left to fit')
-    if not any(r.role is Role.HOLD_OUT for r in found):
-        notes.append(
-            'No recording is held out: predictions of recordings that were not fitted are not '
-            'available.'
-        )
-    return tuple(found)
-
-
-def _note_what_is_missing(
-    recordings: Sequence[CampaignRecording],
-    pendulum: Mapping[str, Quantity],
-    damper: Mapping[str, Any] | None,
-    notes: list[str],
-) -> None:
-    swings = [r for r in recordings if r.kind == 'pendulum']
-    if swings and not pendulum:
-        notes.append(
-            "The pendulum's geometry is not stated: its effective mass and speed are estimated "
-            'for each blow, and effects on speed and mass cannot be told.'
-        )
-    for recording in swings:
-        for value, what in (
-            (recording.release_angle_deg, 'release angle'),
-            (recording.mass_distance, 'mass distance'),
-        ):
-            if pendulum and not math.isfinite(value):
-                notes.append(f'{recording.file}: the {what} is not stated and is estimated.')
-    if damper is None and any(r.damper for r in swings):
-        notes.append('Blows are marked as on a damper, but no damper is described.')
-    if len(recordings) == 1:
-        notes.append(
-            'One recording only: what changes with strength or conditions cannot be told.'
-        )

@@ -154,11 +154,14 @@ def _blow(
         else:
             free.append(Free(f'mass_distance@{i}', 0.15, 0.01, 0.0, 0.5, blow=i))
         return
-    mass, speed = recording.effective_mass, recording.speed
-    if math.isfinite(recording.drop_height):
-        speed = math.sqrt(2 * STANDARD_GRAVITY * recording.drop_height)
-    for key, value, start in (('impactor_mass', mass, 1.5), ('speed', speed, 0.4)):
-        prior = (value, 0.02 * value) if math.isfinite(value) else None
+    mass = recording.effective_mass, recording.uncertainty('effective_mass')
+    speed = recording.speed, recording.uncertainty('speed')
+    height = recording.drop_height
+    if math.isfinite(height) and not math.isfinite(recording.speed):
+        fallen = math.sqrt(2 * STANDARD_GRAVITY * height)
+        speed = fallen, 0.5 * fallen * recording.uncertainty('drop_height') / height
+    for key, (value, std), start in (('impactor_mass', mass, 1.5), ('speed', speed, 0.4)):
+        prior = (value, std) if math.isfinite(value) else None
         begin = value if math.isfinite(value) else start
         free.append(
             Free(f'{key}@{i}', begin, 0.02, 1e-3, 1e3, logarithmic=True, prior=prior, blow=i)
