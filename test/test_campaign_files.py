@@ -91,3 +91,39 @@ def test_the_extended_model_is_saved_as_a_baseline(folder):
     saved = yaml.safe_load((folder / 'next.yaml').read_text(encoding='utf-8'))
     assert saved['baseline'] == model['baseline']
     assert saved['recordings'] == [{'file': 'one.mcap'}]
+
+
+def test_what_was_stated_wrong_is_saved_where_it_stands(folder):
+    file = folder / 'campaign.yaml'
+    stated = {
+        'version': 1,
+        'bench': {'kind': 'impact', 'orientation': 'vertical'},
+        'sensor': {'stiffness': {'value': 69.0, 'std': 0.5, 'unit': 'N/mm'}},
+        'damper': {'parallel_stiffness': 4e4, 'branches': [{'stiffness': 2e4, 'damping': 1e3}]},
+        'baseline': ['linear_sensor'],
+        'recordings': [
+            {'file': 'one.mcap', 'kind': 'pendulum', 'release_angle_deg': 10.0},
+            {'file': 'two.mcap', 'kind': 'drop', 'drop_height': 0.1},
+        ],
+    }
+    file.write_text(yaml.safe_dump(stated), encoding='utf-8')
+    corrected = {
+        'sensor.stiffness': 70000.0,
+        'damper.branches.0.stiffness': 21000.0,
+        'bench.orientation': 'horizontal',
+        'recordings.0.release_angle_deg': 12.0,
+        'recordings.1.speed': 1.5,
+        'gain.force': 1.02,  # has no place in the description
+    }
+    answer = Answer('bench', 'impact', Mismatch(True, 0.0), model={'corrected': corrected})
+    save_model(folder, answer, folder / 'next.yaml')
+    saved = yaml.safe_load((folder / 'next.yaml').read_text(encoding='utf-8'))
+    assert saved['sensor']['stiffness'] == {'value': 70.0, 'std': 0.5, 'unit': 'N/mm'}
+    assert saved['damper']['branches'] == [{'stiffness': 21000.0, 'damping': 1e3}]
+    assert saved['bench']['orientation'] == 'horizontal'
+    assert saved['recordings'][0]['release_angle_deg'] == 12.0
+    assert saved['recordings'][1] == {**stated['recordings'][1], 'speed': 1.5}
+    assert 'gain' not in saved
+    (folder / 'two.mcap').write_bytes((folder / 'one.mcap').read_bytes())
+    file.write_text(yaml.safe_dump(saved), encoding='utf-8')
+    assert load_campaign(folder, samples=False).sensor['stiffness'].value == 70000.0

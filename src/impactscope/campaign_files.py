@@ -11,7 +11,7 @@ import yaml
 
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import BaselineItem, Campaign, ChannelSamples
-from impactscope.discrepancy.campaign_description import parse_campaign
+from impactscope.discrepancy.campaign_description import parse_campaign, unit_factor
 from impactscope.discrepancy.explain import explain
 from impactscope.errors import ConfigurationError, RecordingError
 from impactscope.inputs import inputs_of, recorded_items
@@ -114,16 +114,28 @@ def explain_folder(
     return explain(load_campaign(path), baseline, progress)
 
 
+def _correct(data: Any, place: Sequence[str], value: object) -> None:
+    """Put a value where a description states another; what it does not state has no place."""
+    *way, last = place
+    for step in way:
+        data = data[int(step)] if isinstance(data, list) else (data or {}).get(step)
+    if not isinstance(data, dict):
+        return
+    old = data.get(last)
+    if isinstance(old, dict):
+        factor = unit_factor(old.get('unit'), last)
+        old['value'] = value / factor if isinstance(value, float) else value
+    else:
+        data[last] = value
+
+
 def save_model(path: Path | str, answer: Answer, target: Path | str) -> None:
     """Write ``campaign.yaml`` anew with the extended model as its baseline."""
     _, data = _description(Path(path))
     model = answer.to_json()['model']
     data['baseline'] = model.get('baseline', data.get('baseline', []))
-    stated = data.get('sensor') or {}
-    for name, found in model.get('sensor', {}).items():
-        if name in stated and name in model.get('corrected', {}):
-            old = stated[name]
-            stated[name] = {**old, **found} if isinstance(old, dict) else found
+    for place, value in model.get('corrected', {}).items():
+        _correct(data, place.split('.'), value)
     if 'modes' in model:
         data['model'] = {**(data.get('model') or {}), 'modes': model['modes']}
     Path(target).write_text(yaml.safe_dump(data, sort_keys=False), encoding='utf-8')

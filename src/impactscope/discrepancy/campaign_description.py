@@ -24,7 +24,7 @@ from impactscope.discrepancy.campaign import (
 from impactscope.errors import ConfigurationError
 from impactscope.physics.pendulum import Orientation
 
-__all__ = ['parse_campaign']
+__all__ = ['parse_campaign', 'unit_factor']
 
 CAMPAIGN_VERSION = 1
 BLOW_KINDS = ('tap', 'pendulum', 'robot', 'drop', 'driven')
@@ -176,7 +176,7 @@ def _quantity(value: Any, where: str) -> Quantity:
         return Quantity()
     if isinstance(value, Mapping):
         item = _Mapping(value, where)
-        factor = _factor(item.take('unit', None), where)
+        factor = unit_factor(item.take('unit', None), where)
         given = item.take('value')
         std = _positive(item.take('std', 0.0), f'{where}.std')
         item.refuse_rest()
@@ -186,8 +186,11 @@ def _quantity(value: Any, where: str) -> Quantity:
     return Quantity(_number(value, where))
 
 
-def _factor(unit: Any, where: str) -> float:
-    """From a stated unit to that of the quantity which ``where`` ends with."""
+def unit_factor(unit: Any, where: str) -> float:
+    """Factor from a stated unit (None: SI) to that of the quantity which ``where`` ends with.
+
+    Raises ConfigurationError for a unit that is not known or of another kind.
+    """
     wanted = _UNIT_OF.get(where.rsplit('.', 1)[-1], '')
     if unit is None or not wanted:
         return 1.0

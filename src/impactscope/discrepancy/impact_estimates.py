@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from impactscope.discrepancy.impact_candidates import Candidate
 from impactscope.discrepancy.impact_fit import Fit
 from impactscope.discrepancy.impact_outcome import Outcome
 from impactscope.physics.mechanisms.registry import mechanism
+from impactscope.physics.pendulum import Orientation
 
 __all__ = ['estimates', 'fitted_numbers', 'saved_model', 'stated_value']
 
@@ -122,12 +123,28 @@ def saved_model(
         for key in values
         if key.startswith('sensor.')
     }
-    corrected = {
-        c.parameter: values[c.free[0].key]
-        for c in accepted
-        if c.name == 'wrong_parameter' and c.free
+    files = [recording.file for recording in campaign.recordings]
+    blows = {
+        i: files.index(b.recording.file) for i, b in enumerate(outcome.final.model.data.blows)
     }
+    corrected: dict[str, object] = {}
+    for wrong in (c for c in accepted if c.name == 'wrong_parameter'):
+        if wrong.free:
+            corrected[_place(wrong.parameter, blows)] = values[wrong.free[0].key]
+        elif wrong.parameter == 'orientation':
+            lying = wrong.constants['orientation'] > 0.5
+            found = Orientation.HORIZONTAL if lying else Orientation.VERTICAL
+            corrected['bench.orientation'] = found.value
     return {'baseline': baseline, 'sensor': sensor, 'corrected': corrected}
+
+
+def _place(key: str, recordings: Mapping[int, int]) -> str:
+    """Where a number stands in ``campaign.yaml``; ``recordings`` by the number of the blow."""
+    name, _, blow = key.partition('@')
+    if not blow:
+        return name
+    stated = {'angle': 'release_angle_deg', 'impactor_mass': 'effective_mass'}.get(name, name)
+    return f'recordings.{recordings[int(blow)]}.{stated}'
 
 
 def _channel_unit(unit: str, channel: str, fitted: Fit) -> str:

@@ -127,7 +127,7 @@ def _saved(s: Subject, new: Sequence[Term], corrected: Sequence[Finding]) -> dic
         items.append({'name': term.name, 'values': values} if values else term.name)
     saved: dict[str, Any] = {'baseline': items, 'values': dict(best.values)}
     wrong = {str(f.parameters['name'].value) for f in corrected}
-    saved['corrected'] = {name: best.values[fitted] for name, fitted in STATED if name in wrong}
+    saved['corrected'] = {f'sensor.{name}': best.values[fitted] for name, fitted in STATED if name in wrong}
     saved['sensor'] = {
         stated: {'value': best.values[fitted], 'std': best.std.get(fitted, 0.0)}
         for stated, fitted in STATED
