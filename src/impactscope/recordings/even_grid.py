@@ -21,7 +21,7 @@ __all__ = ['LOST', 'EvenGrid', 'even_grid']
 
 Array = NDArray[np.float64]
 
-LOST = 3.5  # median intervals without a sample: samples were lost, not late
+LOST = 10.5  # median intervals without a sample: samples were lost, not late
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -289,23 +289,29 @@ def _start(campaign: Campaign, notes: list[str]) -> tuple[list[Cut], Model, list
     bench = campaign.bench
     if campaign.kind is CampaignKind.PRESCRIBED_MOTION:
         parts = cuts(campaign, [str(bench['output'])], str(bench['motion']), notes)
-        return parts, *linear_prescribed(parts)
+        return parts, *linear_prescribed(parts, spring=_sprung(campaign))
     if campaign.kind is CampaignKind.CHAIN:
         parts = cuts(campaign, [str(bench['output'])], str(bench['input']), notes)
         return parts, *linear_chain(parts)
     drive = str(bench.get('input', ''))
     drive = '' if drive.lower() in FREE else drive
     parts = cuts(campaign, [str(name) for name in bench['outputs']], drive, notes)
-    restoring = campaign.model.get('restoring', 'linear')
-    spring = restoring not in (None, 'none', False)
-    if 'linear_mass_damper' in campaign.baseline_names:
-        spring = False
+    spring = _sprung(campaign)
     if not drive and not spring:
         raise ConfigurationError(
             f'{campaign.name}: a free motion without restoring force shows nothing'
         )
     held = 'reference' in bench or 'controller' in bench or bench.get('hold') is True
     return parts, *linear_oscillator(parts, spring=spring, held=held)
+
+
+def _sprung(campaign: Campaign) -> bool:
+    """Whether the baseline has a restoring force."""
+    restoring = campaign.model.get('restoring', 'linear')
+    return (
+        restoring not in (None, 'none', False)
+        and 'linear_mass_damper' not in campaign.baseline_names
+    )
 
 
 def _with_known(campaign: Campaign, model: Model, segments: Sequence[Segment], linear: Fit) -> Fit:

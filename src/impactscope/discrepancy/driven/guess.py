@@ -53,7 +53,7 @@ def _motion(segment: Segment) -> Array:
     return np.stack([smooth, spline(segment.time, 1), spline(segment.time, 2)])
 
 
-def _column(slots: Sequence[int], motion: Array, period: float, sine: bool) -> Array:
+def _column(slots: Sequence[int], motion: Array, sine: bool) -> Array:
     """Force against the input that one unit of a number brings."""
     x, v, a = motion
     p = np.zeros(at.SIZE)
@@ -69,7 +69,7 @@ def _column(slots: Sequence[int], motion: Array, period: float, sine: bool) -> A
         else:
             p[slot] += 1.0
     out = np.empty(x.size)
-    smooth_force(p, x, v, a, period, out)
+    smooth_force(p, x, v, a, out)
     return out + force
 
 
@@ -95,7 +95,7 @@ def equation_start(
     for segment in fitted:
         motion = _motion(segment)
         edge = slice(segment.measured.size // 50, -max(segment.measured.size // 50, 1))
-        columns = [_column(s, motion, segment.period, sine)[edge] for s in slots]
+        columns = [_column(s, motion, sine)[edge] for s in slots]
         drive = np.concatenate([segment.drive[:, 0], segment.drive[-1:, -1]])
         rows.append(np.stack(columns, axis=1))
         targets.append((drive if has_mass else drive - motion[2])[edge])

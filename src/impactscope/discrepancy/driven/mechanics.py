@@ -290,7 +290,7 @@ def mechanical_terms(
         Term(
             'offset',
             'measurement',
-            'The zero of the driving channel is off: a constant force is there.'
+            f'A constant force is there, or the zero of {offset_channel or "the input"} is off.'
             if driven
             else 'The rest position is not at zero.',
             'u + u0',

@@ -345,15 +345,46 @@ def slider_force(
         out[i] += force
 
 
+@law
+def _towards(h: float, way: float, travel: float, rate: float) -> float:
+    """Elongation after a travel without change of sign: dh/du = way - rate h, exactly."""
+    if abs(rate * travel) < 1e-9:
+        return h + (way - rate * h) * travel
+    final = way / rate
+    return final + (h - final) * math.exp(-max(min(rate * travel, 700.0), -50.0))
+
+
+@law
+def yielded(h: float, moved: float, closing: float, leaning: float) -> float:
+    """Elongation of Bouc's element (n = 1) after a displacement ``moved``, exactly.
+
+    It depends on the path alone: dh/du = s - (closing + leaning s sign h) h along the travel u
+    in direction s. An explicit step in time would blow up where the element yields within it.
+    """
+    way = 1.0 if moved > 0.0 else -1.0
+    travel = abs(moved)
+    if h * way < 0.0:
+        rate = closing - leaning
+        left = 1.0 + rate * abs(h)
+        if left <= 0.0:
+            return _towards(h, way, travel, rate)
+        to_zero = abs(h) if abs(rate * h) < 1e-9 else math.log(left) / rate
+        if travel <= to_zero:
+            return _towards(h, way, travel, rate)
+        h, travel = 0.0, travel - to_zero
+    return _towards(h, way, travel, closing + leaning)
+
+
 @compiled
-def smooth_force(p: Array, x: Array, v: Array, a: Array, period: float, out: Array) -> None:
+def smooth_force(p: Array, x: Array, v: Array, a: Array, out: Array) -> None:
     """Force of mass, dampers, springs and the yielding element, shape (n,); fills ``out``."""
     h = 0.0
     for i in range(x.size):
         force = p[MASS] * a[i] + p[DAMPING] * v[i] + restoring(p, x[i]) + p[INPUT_OFFSET]
         force += abs(v[i]) * (p[SKEW_DAMPING] + p[QUADRATIC_DAMPING] * v[i])
         if p[HYSTERESIS_STIFFNESS] != 0.0:
+            if i > 0:
+                moved = x[i] - x[i - 1]
+                h = yielded(h, moved, p[HYSTERESIS_CLOSING], p[HYSTERESIS_LEANING])
             force += p[HYSTERESIS_STIFFNESS] * h
-            middle = h + 0.5 * period * yielding_rate(p, v[i], h)
-            h += period * yielding_rate(p, v[i], middle)
         out[i] = force

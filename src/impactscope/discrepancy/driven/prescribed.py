@@ -2,7 +2,9 @@
 
 Dry friction may act beside the spring or in series with it: then the spring carries what the
 slider holds, and after a reversal the force comes back over the slider's free travel. Play in
-series with the slider leaves a stretch without force between (lost motion).
+series with the slider leaves a stretch without force between (lost motion). Beside the spring it
+turns round at once, or over a travel (presliding) or a speed of its own, as magnetorheological
+dampers do, and it may fall with the speed.
 """
 
 from __future__ import annotations
@@ -29,8 +31,14 @@ __all__ = ['PrescribedModel', 'linear_prescribed']
 Array = NDArray[np.float64]
 
 CORNER = 0.05  # of the sampling rate: low-pass before the motion is differentiated
-RIGID = 0.002  # of the largest displacement: travel in which friction beside a spring builds up
-_FRICTIONS = ('coulomb_friction', 'asymmetric_friction')
+RIGID = 1e-5  # of the largest displacement: travel in which friction beside a spring builds up
+SLIPS = 0.5  # of the largest displacement, within which a slider lets go: else it is a spring
+STUCK = 0.01  # of the largest displacement: what yields within that is friction
+LEAST = 1e-5  # of the largest displacement or speed, within which friction may be found to turn
+BOTH_WAYS = 0.02  # share of the samples that must move either way for effects that tell them apart
+MOVES = 0.02  # of the largest speed: what counts as moving
+_FRICTIONS = ('coulomb_friction', 'asymmetric_friction', 'stribeck_friction')
+_SKEWED = ('asymmetric_friction', 'asymmetric_damping')
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,24 +66,38 @@ class PrescribedModel:
         p = np.zeros(at.SIZE)
         p[at.HYSTERESIS_EXPONENT] = 1.0
         enter(p, values)
+        for term in terms:
+            if term.fixed:
+                enter(p, term.fixed)
         x, v, a = segment.drive
         forward, backward, gap = p[at.KINETIC_FORWARD], p[at.KINETIC_BACKWARD], p[at.GAP]
-        rubs = any(t.name in _FRICTIONS for t in terms)
+        turning = _number_of('turning_speed', values, terms)
+        rubs = turning == 0.0 and any(t.name in _FRICTIONS for t in terms)
         series = any(t.variant == 'series' for t in terms)
-        stiffness = p[at.STIFFNESS]
+        stiffness = float(p[at.STIFFNESS])
         if rubs:
             p[at.GAP] = 0.0
         if series:
             p[at.STIFFNESS] = 0.0
         out = np.empty(x.size)
-        smooth_force(p, x, v, a, segment.period, out)
-        if rubs:
-            strongest = max(forward, backward, 1e-300)
-            if not series:
-                stiffness = strongest / (RIGID * self.position_scale)
-            if stiffness > 0.0:
-                slip = float(start[0])
-                slider_force(x, stiffness, forward, backward, gap, slip, out)
+        smooth_force(p, x, v, a, out)
+        if not rubs:
+            if turning > 0.0:
+                out += np.where(v > 0.0, forward, backward) * np.tanh(v / turning)
+            return out
+        slip = float(start[0])
+        own = _number_of('presliding', values, terms)
+        travel = own if own > 0.0 else RIGID * self.position_scale
+        if any(t.name == 'stribeck_friction' for t in terms):
+            held = np.zeros(x.size)
+            slider_force(x, 1.0 / travel, 1.0, 1.0, gap, slip, held)
+            fall = np.exp(-((v / max(p[at.STRIBECK_SPEED], 1e-300)) ** 2))
+            out += held * (forward + p[at.STATIC_EXCESS] * fall)
+            return out
+        strongest = max(forward, backward, 1e-300)
+        least = strongest / (SLIPS * self.position_scale)
+        stiffness = max(stiffness, least) if series else strongest / travel
+        slider_force(x, stiffness, forward, backward, gap, slip, out)
         return out
 
     def motion(
@@ -87,6 +109,11 @@ class PrescribedModel:
     ) -> tuple[Array, Array]:
         """The prescribed motion."""
         return segment.drive[0], segment.drive[1]
+
+
+def _number_of(name: str, values: Mapping[str, float], terms: Sequence[Term]) -> float:
+    """A number of a form of friction, 0 where no term has it."""
+    return max((values.get(f'{t.label}.{name}', 0.0) for t in terms), default=0.0)
 
 
 def _motion(cut: Cut) -> Array:
@@ -109,8 +136,21 @@ def _motion(cut: Cut) -> Array:
     return np.stack([smooth, speed, np.gradient(speed, period)])
 
 
-def linear_prescribed(cuts: Sequence[Cut]) -> tuple[PrescribedModel, list[Segment], Fit]:
-    """Fit spring, damper and mass; the model knows what may be missing."""
+def _middle(segments: Sequence[Segment]) -> float:
+    """Middle of the motion in these recordings where their zero lies outside of it, else 0."""
+    low = min(float(np.min(s.drive[0])) for s in segments)
+    high = max(float(np.max(s.drive[0])) for s in segments)
+    return 0.5 * (low + high) if low > 0.0 or high < 0.0 else 0.0
+
+
+def linear_prescribed(
+    cuts: Sequence[Cut], *, spring: bool = True
+) -> tuple[PrescribedModel, list[Segment], Fit]:
+    """Fit damper and mass and, with ``spring``, a spring; the model knows what may be missing.
+
+    Positions count from the sensor's zero or, where the motion never comes by it, from the middle
+    of the motion: a spring's law about a far-off zero would be little but an offset.
+    """
     segments = [
         Segment(
             c.recording,
@@ -126,19 +166,23 @@ def linear_prescribed(cuts: Sequence[Cut]) -> tuple[PrescribedModel, list[Segmen
         for c in cuts
     ]
     fitted = [s for s in segments if not s.held_out]
+    middle = _middle(fitted)
+    for s in segments:
+        s.drive[0] -= middle
     motion = np.concatenate([s.drive for s in fitted], axis=1)
     force = np.concatenate([s.measured for s in fitted])
     f, x = cuts[0].unit, cuts[0].drive_unit.split('/', 1)[0] or '1'
     rms = np.maximum(np.sqrt(np.mean(motion**2, axis=1)), 1e-300)
     level = float(np.sqrt(np.mean(force**2))) or 1.0
-    linear = np.linalg.lstsq((motion / rms[:, None]).T, force, rcond=None)[0] / rms
+    first = 0 if spring else 1
+    linear = np.linalg.lstsq((motion / rms[:, None])[first:].T, force, rcond=None)[0] / rms[first:]
     numbers = tuple(
         Number(name, unit, (float(value),), level / float(size))
         for name, unit, value, size in zip(
-            ('stiffness', 'damping', 'mass'),
-            (f'{f}/{x}', f'{f} s/{x}', 'kg' if (f, x) == ('N', 'm') else f'{f} s^2/{x}'),
+            ('stiffness', 'damping', 'mass')[first:],
+            (f'{f}/{x}', f'{f} s/{x}', 'kg' if (f, x) == ('N', 'm') else f'{f} s^2/{x}')[first:],
             linear,
-            rms,
+            rms[first:],
             strict=True,
         )
     )
@@ -151,35 +195,98 @@ def linear_prescribed(cuts: Sequence[Cut]) -> tuple[PrescribedModel, list[Segmen
         f,
         x,
     )
+    angle = cuts[0].drive_unit == 'rad' and middle == 0.0
     terms = mechanical_terms(
-        sizes, spring=True, driven=True, angle=False, offset_channel=cuts[0].channel
+        sizes, spring=spring, driven=True, angle=angle, offset_channel=cuts[0].channel
     )
-    model = PrescribedModel(numbers, _variants(terms, sizes), position, x)
+    moving = motion[1][np.abs(motion[1]) > MOVES * np.max(np.abs(motion[1]))]
+    forwards = float(np.mean(moving > 0.0)) if moving.size else 0.0
+    if not BOTH_WAYS < forwards < 1.0 - BOTH_WAYS:
+        terms = tuple(t for t in terms if t.name not in _SKEWED)
+    variants = _variants(terms, sizes, spring=spring)
+    model = PrescribedModel(numbers, variants, position, x)
     made = fit(dataclasses.replace(model, terms=()), (), segments, {}, tolerance=FINE)
     return model, segments, made
 
 
-def _variants(terms: Sequence[Term], sizes: Sizes) -> tuple[Term, ...]:
-    """Friction beside and in series with the spring; no stiction, which needs a free mass."""
+def _variants(terms: Sequence[Term], sizes: Sizes, *, spring: bool) -> tuple[Term, ...]:
+    """Friction beside and in series with the spring; it needs no mass that sticks."""
     found = []
     for term in terms:
-        if term.name in ('stribeck_friction', 'end_stop'):
+        if term.name == 'end_stop':
             continue
-        if term.name in _FRICTIONS:
-            numbers = tuple(
-                dataclasses.replace(n, starts=(0.8 * sizes.force, 0.3 * sizes.force))
-                for n in term.numbers
-            )
-            found.append(dataclasses.replace(term, numbers=numbers))
+        if term.name == 'hysteresis':
+            found.append(_that_yields(term, sizes))
+            continue
+        if term.name not in _FRICTIONS:
+            found.append(term)
+            continue
+        strong = tuple(_strong(n, sizes) for n in term.numbers)
+        found.append(dataclasses.replace(term, numbers=strong))
+        if term.name == 'stribeck_friction':
+            continue
+        if term.name == 'coulomb_friction':
+            found += _gradual(dataclasses.replace(term, numbers=strong), sizes)
+        if spring:
             found.append(
                 dataclasses.replace(
                     term,
-                    numbers=numbers,
+                    numbers=strong,
                     variant='series',
                     equation=f'{term.equation}, behind the spring k',
                     restart={'stiffness': 8.0 * sizes.force / sizes.position, 'mass': 0.0},
                 )
             )
-        else:
-            found.append(term)
     return tuple(found)
+
+
+def _that_yields(term: Term, sizes: Sizes) -> Term:
+    """Hysteresis that shows in the motion.
+
+    What yields later is a spring about the first sample's position, what yields at once friction.
+    """
+    low, high = 1.0 / (SLIPS * sizes.position), 1.0 / (STUCK * sizes.position)
+    numbers = tuple(
+        dataclasses.replace(n, lower=low, upper=high) if n.name == 'closing' else n
+        for n in term.numbers
+    )
+    return dataclasses.replace(term, numbers=numbers)
+
+
+def _strong(number: Number, sizes: Sizes) -> Number:
+    """Friction as a device under test has it: most of its force."""
+    shares = {'speed': (), 'excess_force': (0.2, 0.05)}.get(number.name, (0.8, 0.3))
+    starts = tuple(share * sizes.force for share in shares) or number.starts
+    return dataclasses.replace(number, starts=starts)
+
+
+def _gradual(term: Term, sizes: Sizes) -> list[Term]:
+    """Friction that turns round over a travel or a speed of its own."""
+    forms = (
+        (
+            'presliding',
+            sizes.position_unit,
+            sizes.position,
+            'after a reversal it builds up over x_t',
+        ),
+        ('turning_speed', f'{sizes.position_unit}/s', sizes.speed, 'F tanh(v / v_t)'),
+    )
+    return [
+        dataclasses.replace(
+            term,
+            variant=name,
+            equation=f'{term.equation}; {law}',
+            numbers=(
+                *term.numbers,
+                Number(
+                    name,
+                    unit,
+                    (0.05 * size, 0.2 * size, 0.002 * size),
+                    0.002 * size,
+                    LEAST * size,
+                    0.5 * size,
+                ),
+            ),
+        )
+        for name, unit, size, law in forms
+    ]
