@@ -61,6 +61,7 @@ def channel_terms(
         amounts: tuple[str, ...] = (),
         source: str = 'the measuring chain',
         own: int = 0,
+        looks: float = 1.0,
     ) -> Term:
         sentence, equation, test = words
         return Term(
@@ -76,6 +77,7 @@ def channel_terms(
             output=True,
             amounts=amounts,
             own=own,
+            looks=looks,
         )
 
     slow = _ladder(0.01 / longest, 0.004 * rate, 9)
@@ -185,6 +187,7 @@ def channel_terms(
                         line,
                         amounts=tuple(names),
                         own=recordings * len(names),
+                        looks=max(2.0 * (line.upper - line.lower) * longest, 1.0),
                     )
                 )
     found.append(

@@ -33,6 +33,7 @@ DEPTH = 3
 TOLERANCE = 1e-6  # of chi-square, at which a trial fit ends
 EVALUATIONS = 15
 NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the best
+FAR = 10.0  # times the samples: chi-square from which a search goes on from what was found
 POLISHED = 'polished'
 FIRST_ORDER = 2  # of the low-pass that is looked for before its other orders are
 LATE = {1: 1.0, 2: 1.414, 3: 2.0, 4: 2.613, 6: 3.864, 8: 5.126}  # delay times corner, 1/(2 pi)
@@ -81,6 +82,26 @@ class _Fits:
             -self.here.slopes,
         )
 
+    def without(self, base: Fit, terms: tuple[Term, ...]) -> Fit:
+        """The fit with fewer terms, from where the larger one has ended, too."""
+        names = _labels(terms)
+        if names == _labels(self.baseline.terms):
+            return self.baseline
+        again = self._fit(base, terms, {})
+        known = self.known.get(names)
+        if known is None or self._misfit(again) < self._misfit(known):
+            self.known[names] = again
+        return self.known[names]
+
+    def take(self, made: Fit) -> Fit:
+        """A fit that was made elsewhere, converged here."""
+        names = _labels(made.terms)
+        if names not in self.known:
+            self.known[names] = fit(
+                self.model, made.terms, self.segments, made.values, made.starts, 3 * EVALUATIONS
+            )
+        return self.known[names]
+
     def _misfit(self, made: Fit) -> float:
         """Chi-square on the fitted recordings."""
         pairs = zip(self.segments, made.residuals, strict=True)
@@ -124,11 +145,19 @@ def exact_search(
     segments: Sequence[Segment],
     judge: NoiseJudge,
     progress: Tell | None = None,
+    seed: Fit | None = None,
 ) -> Outcome:
-    """Find the smallest set of terms that chi-square cannot do without."""
+    """Find the smallest set of terms that chi-square cannot do without.
+
+    ``seed``: a fit of the same model that another search has found, to go on from.
+    """
     tell = progress or (lambda _share: None)
     fits = _Fits(model, segments, baseline)
     beam = [baseline]
+    if seed is not None and seed.terms:
+        start = fits.take(seed)
+        if judge.gain(baseline, start).fitted > FAR * sum(s.measured.size for s in segments):
+            beam = [start]
     for depth in range(DEPTH):
         grown: list[Fit] = []
         for base in beam:
@@ -210,7 +239,7 @@ def _best_parent(fits: _Fits, child: Fit, judge: Judge) -> Fit:
 
 
 def _pruned(fits: _Fits, best: Fit, judge: Judge) -> Fit:
-    return prune(best, fits.baseline, judge, lambda fitted, rest: fits.make(fitted, rest, {}))
+    return prune(best, fits.baseline, judge, fits.without)
 
 
 def _other_friction(fits: _Fits, best: Fit, judge: Judge) -> Fit:

@@ -236,7 +236,7 @@ def _own_beginning(
 
     def residual(theta: Array) -> Array:
         predicted = model.predict(values, terms, theta * scale, segment)
-        return weight * (segment.measured - predicted)
+        return weight * counted(model, segment.measured - predicted, segment)
 
     def jacobian(theta: Array) -> Array:
         return _differences(residual, theta, residual(theta))

@@ -16,7 +16,7 @@ from impactscope.discrepancy.driven.channel_effects import channel_terms
 from impactscope.discrepancy.driven.mechanics import Sizes, mechanical_terms
 from impactscope.discrepancy.driven.terms import Number, Term
 
-__all__ = ['exact_terms']
+__all__ = ['FRICTION', 'exact_terms']
 
 FRICTION = frozenset({'coulomb_friction', 'asymmetric_friction', 'stribeck_friction'})
 
@@ -45,6 +45,10 @@ def exact_terms(
     noise: float,
     peak: float,
     recordings: int = 1,
+    *,
+    kind: str = 'driven',
+    drive: str = '',
+    tag: str = '',
 ) -> tuple[Term, ...]:
     """Candidates of the vocabulary.
 
@@ -57,11 +61,21 @@ def exact_terms(
         noise: standard deviation of the output's noise.
         peak: largest sample of the output.
         recordings: their number.
+        kind: ``driven``, ``free`` (no input) or ``axis`` (no spring).
+        drive: the input channel's name.
+        tag: tells the effects of several channels apart.
     """
     mass, _, stiffness = plate
     x, v = sizes.position, sizes.speed
     load = stiffness * x
-    known = {t.label: t for t in mechanical_terms(sizes, spring=True, driven=True, angle=False)}
+    angle = kind == 'free' and sizes.position_unit == 'rad'
+    known = {
+        t.label: t
+        for t in mechanical_terms(
+            sizes, spring=True, driven=True, angle=angle, offset_channel=drive
+        )
+    }
+    chain = channel_terms(*output, rate, longest, noise, peak, recordings=recordings, tag=tag)
     rub = _ladder(load, 1e-5, 0.1, 7)
     found = [
         _with(known['coulomb_friction'], ['force'], force=rub),
@@ -83,6 +97,14 @@ def exact_terms(
             ['coefficient'],
             coefficient=_ladder(load / v**2, 1e-4, 1e-2, 2),
         ),
+    ]
+    if kind == 'axis':
+        push = known['offset']
+        found.append(_with(push, ['value'], value=_ladder(load, 1e-4, 1e-2, 2)))
+        return (*found, *chain)
+    if angle:
+        found.append(known['restoring_force'])
+    found += [
         _with(known['hardening_spring'], ['cubic'], cubic=_ladder(load / x**3, 1e-4, 1e-2, 2)),
         _with(known['softening_spring'], ['cubic'], cubic=_ladder(-load / x**3, 1e-4, 1e-2, 2)),
         _with(known['clearance'], ['gap'], gap=_ladder(x, 1e-5, 0.1, 6)),
@@ -119,6 +141,8 @@ def exact_terms(
             amounts=('share',),
         )
     )
+    if kind == 'free':
+        return (*found, *chain)
     natural = float(np.sqrt(stiffness / mass)) / (2.0 * np.pi)
     found.append(
         Term(
@@ -144,4 +168,4 @@ def exact_terms(
             amounts=('/mass',),
         )
     )
-    return (*found, *channel_terms(*output, rate, longest, noise, peak, recordings=recordings))
+    return (*found, *chain)

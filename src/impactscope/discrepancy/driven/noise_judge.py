@@ -96,6 +96,14 @@ class NoiseJudge(Judge):
         """Gain from which the larger model is believed."""
         return least_gain(max(gain.numbers, 1), self.looks, self.thresholds.false_finding)
 
+    def better(self, small: Fit, large: Fit) -> bool:
+        """Whether the larger model is to be believed."""
+        gain = self.gain(small, large)
+        if gain.held_out_worse or gain.fitted < -1e-9:
+            return False
+        looks = round(self.looks * _looks(small, large))
+        return gain.total > least_gain(max(gain.numbers, 1), looks, self.thresholds.false_finding)
+
     def criterion(self, fit: Fit, reference: Fit) -> float:
         """Minus the gain over a reference, and a price for every number: smaller is better."""
         own = fit.own - reference.own
@@ -107,7 +115,14 @@ class NoiseJudge(Judge):
     def p_value(self, small: Fit, large: Fit) -> float:
         """Chance of such a gain where nothing is missing."""
         gain = self.gain(small, large)
-        return family_p_value(max(gain.total, 0.0), max(gain.numbers, 1), self.looks)
+        looks = round(self.looks * _looks(small, large))
+        return family_p_value(max(gain.total, 0.0), max(gain.numbers, 1), looks)
+
+
+def _looks(small: Fit, large: Fit) -> float:
+    """Places in which what one fit has beyond another was looked for."""
+    had = {t.label for t in small.terms}
+    return math.prod(t.looks for t in large.terms if t.label not in had)
 
 
 def reduced(judge: NoiseJudge, made: Fit) -> float:

@@ -38,12 +38,13 @@ class _Plate:
             x, v = model.motion(made.values, made.terms, made.starts[i], segments[i])
             self.motions.append((x, v))
         self.outputs = [segments[i].measured - made.residuals[i] for i in self.fitted]
-        mass, damping, stiffness = (made.values[n] for n in ('mass', 'damping', 'stiffness'))
+        mass, stiffness = made.values.get('mass', 1.0), made.values.get('stiffness', 0.0)
+        damping = made.values['damping']
         first = segments[self.fitted[0]]
         self.period = first.period
-        self.natural = math.sqrt(stiffness / mass)
         self.position = max(float(np.max(np.abs(x))) for x, _ in self.motions) or 1.0
         self.speed = max(float(np.max(np.abs(v))) for _, v in self.motions) or 1.0
+        self.natural = math.sqrt(stiffness / mass) or self.speed / self.position
         self.longest = max(s.measured.size * s.period for s in segments)
         rates = np.array([[0.0, 1.0], [-stiffness / mass, -damping / mass]])
         push = np.array([[0.0], [1.0 / mass]])

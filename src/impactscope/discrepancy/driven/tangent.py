@@ -26,7 +26,7 @@ class Tangent:
 
     residual: Array  # projected, shape (n,)
     basis: Array  # orthonormal rows, shape (k, n)
-    slopes: Array  # of the prediction by the fit's numbers over their scales, shape (n, k)
+    slopes: Array  # of the prediction by the fit's shared numbers over their scales, (n, k)
 
     def explained(self, columns: Array) -> tuple[float, Array]:
         """Chi-square that columns, shape (c, n), could take away, and by which factors."""
@@ -52,6 +52,8 @@ def tangent(model: Model, made: Fit, segments: Sequence[Segment]) -> Tangent:
         step = STEP * number.scale
         moved = {**made.values, name: made.values[name] + step}
         columns.append(change(model, made, made.terms, moved, segments) / STEP)
+    shared = np.stack(columns, axis=1) if columns else np.zeros((residual.size, 0))
+    columns += _beginnings(model, made, segments)
     if not columns:
         none = np.zeros((residual.size, 0))
         return Tangent(residual, none.T, none)
@@ -59,7 +61,25 @@ def tangent(model: Model, made: Fit, segments: Sequence[Segment]) -> Tangent:
     size = np.linalg.norm(matrix, axis=0)
     u, s, _ = np.linalg.svd(matrix / np.where(size > 0.0, size, 1.0), full_matrices=False)
     basis = np.ascontiguousarray(u[:, s > 1e-9 * s[0]].T)
-    return Tangent(residual - basis.T @ (basis @ residual), basis, matrix)
+    return Tangent(residual - basis.T @ (basis @ residual), basis, shared)
+
+
+def _beginnings(model: Model, made: Fit, segments: Sequence[Segment]) -> list[Array]:
+    """Whitened changes of the prediction by every recording's own beginning, each shape (n,)."""
+    fitted = [i for i, s in enumerate(segments) if not s.held_out]
+    ends = np.cumsum([segments[i].measured.size for i in fitted])
+    columns = []
+    for i, end in zip(fitted, ends, strict=True):
+        s = segments[i]
+        for j, number in enumerate(model.starts(s)):
+            begin = made.starts[i].copy()
+            begin[j] += STEP * number.scale
+            predicted = model.predict(made.values, made.terms, begin, s)
+            column = np.zeros(int(ends[-1]))
+            moved = innovations(s, predicted - (s.measured - made.residuals[i]))
+            column[end - s.measured.size : end] = moved / STEP
+            columns.append(column)
+    return columns
 
 
 def change(

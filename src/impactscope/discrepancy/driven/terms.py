@@ -35,7 +35,8 @@ class Term:
     numbers to set out from, where the effect gives them another meaning. ``output``: it acts in
     the measuring chain of the output. ``amounts``: numbers that say how much of it there
     is; with a stroke before one, the less of it the larger that is. ``own``: numbers that
-    the recordings have of their own, in all, which are found with every prediction.
+    the recordings have of their own, in all, which are found with every prediction. ``looks``:
+    independent places in which it is looked for.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Term:
     output: bool = False
     amounts: tuple[str, ...] = ()
     own: int = 0
+    looks: float = 1.0
 
     @property
     def label(self) -> str:

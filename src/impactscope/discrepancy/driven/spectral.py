@@ -1,0 +1,143 @@
+"""Whitening by a spectrum: what noise of any colour is like, and the filter that makes it white.
+
+The filter is the causal one whose answer has its energy as early as may be (minimum phase): from
+the spectrum by its cepstrum (Oppenheim and Schafer, Discrete-Time Signal Processing, ch. 13). For
+a sensor's noise beside noise that rings in a plate it is the innovations filter that a Kalman
+filter settles to. The first samples, before which nothing is known, are scaled by their variance.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, optimize, signal
+
+__all__ = ['Spectral', 'fitted_colour', 'levels', 'whitening']
+
+Array = NDArray[np.float64]
+
+FIRST = 256  # samples that are scaled by their variance
+FORGOTTEN = 1e-7  # of the filter's answer is left aside
+LOUD = 30.0  # times what is left: lines with so much signal do not tell the noise
+PARTS = 60  # into which a spectrum is cut, ever wider
+COLOURED = 40.0  # twice the logarithm of the likelihood by which noise is not white
+FEWEST = 12  # parts of a spectrum that tell a colour
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectral:
+    """Turns a residual of one recording into white noise of unit variance."""
+
+    answer: Array  # of the filter, (k,)
+    early: Array  # factors of the first samples
+    weight: Array | None = None  # of each sample, (n,): 0 where it does not count
+
+    def __call__(self, residual: Array) -> Array:
+        """Innovations, shape (n,)."""
+        if self.weight is not None:
+            residual = residual * self.weight
+        if self.answer.size == 1:
+            out = residual * self.answer[0]
+        else:
+            out = signal.oaconvolve(residual, self.answer)[: residual.size]
+            first = min(self.early.size, out.size)
+            out[:first] *= self.early[:first]
+        if self.weight is not None:
+            out = out * self.weight
+        return np.asarray(out)
+
+
+def whitening(power: Array, weight: Array | None = None) -> Spectral:
+    """The filter for noise of a spectrum.
+
+    Args:
+        power: variance that white noise of that level would have, on an even grid of frequencies
+            from 0 to half the sampling rate, shape (m + 1,).
+        weight: of each sample, 0 or 1.
+    """
+    if np.ptp(power) < 1e-6 * float(np.max(power)):
+        return Spectral(np.array([1.0 / math.sqrt(float(power[0]))]), np.ones(0), weight)
+    length = 2 * (power.size - 1)
+    cepstrum = np.fft.irfft(-0.5 * np.log(power), length)
+    cepstrum[1 : length // 2] *= 2.0
+    cepstrum[length // 2 + 1 :] = 0.0
+    answer = np.fft.irfft(np.exp(np.fft.rfft(cepstrum)), length)[: length // 2]
+    size = np.abs(answer)
+    kept = int(np.flatnonzero(size > FORGOTTEN * float(np.max(size)))[-1]) + 1
+    answer = answer[:kept]
+    first = min(FIRST, length // 2)
+    covariance = linalg.toeplitz(np.fft.irfft(power, length)[:first])
+    start = np.zeros(first)
+    start[: min(kept, first)] = answer[:first]
+    rows = linalg.toeplitz(start, np.zeros(first))
+    variance = np.einsum('ij,jk,ik->i', rows, covariance, rows, optimize=True)
+    return Spectral(answer, 1.0 / np.sqrt(np.maximum(variance, 1.0)), weight)
+
+
+def levels(samples: Sequence[Array]) -> tuple[Array, Array]:
+    """Spectra of several recordings in parts that grow with the frequency.
+
+    Returns the middle of each part over half the sampling rate and its level, the variance that
+    white noise would have; by the median, so that lines do not count. Shapes (k,).
+    """
+    shortest = min(x.size for x in samples)
+    parts = min(PARTS, max(shortest // 24, 3))
+    edges = np.geomspace(min(8.0 / shortest, 0.2), 1.0, parts + 1)
+    middle, found = np.sqrt(edges[1:] * edges[:-1]), []
+    for x in samples:
+        window = np.hanning(x.size)
+        power = np.abs(np.fft.rfft((x - np.mean(x)) * window)) ** 2 / np.sum(window**2)
+        places = np.linspace(0.0, 1.0, power.size)
+        row = []
+        for a, b in itertools.pairwise(edges):
+            part = power[(places >= a) & (places < b)]
+            row.append(np.median(part) / math.log(2.0) if part.size > 3 else np.nan)
+        found.append(row)
+    table = np.asarray(found)
+    keep = np.all(np.isfinite(table), axis=0)
+    return middle[keep], np.asarray(np.mean(table[:, keep], axis=0))
+
+
+def fitted_colour(
+    place: Array, left: Array, signal_there: Array, lines: float
+) -> tuple[float, float, float] | None:
+    """White level, level of what falls with the frequency and its corner; None where it is white.
+
+    The noise is a + b / (1 + (f/c)^2), or with one over f in place of the second term, where the
+    corner is 0: nothing that falls so slowly can take the place of a resonance.
+
+    Args:
+        place: frequencies over half the rate, shape (k,).
+        left: levels of what a fit leaves there.
+        signal_there: levels of the prediction.
+        lines: of the spectrum in all, over which the parts are spread.
+    """
+    quiet = signal_there < LOUD * left
+    if np.count_nonzero(quiet) < FEWEST or place[quiet][0] > 0.2:
+        return None
+    f, power = place[quiet], left[quiet]
+    widths = np.gradient(place)[quiet] * lines
+
+    def cost(level: Array) -> float:
+        return float(np.sum(widths * (np.log(level) + power / level)))
+
+    white = float(np.average(power, weights=widths))
+    flat = cost(np.full(f.size, white))
+    least: tuple[float, tuple[float, float, float]] = (math.inf, (white, 0.0, 1.0))
+    for corner in (0.0, *np.geomspace(0.003, 0.6, 12)):
+        shape = 1.0 / f if corner == 0.0 else 1.0 / (1.0 + (f / corner) ** 2)
+
+        def trial(q: Array, shape: Array = shape) -> float:
+            return cost(np.exp(q[0]) + np.exp(q[1]) * shape)
+
+        start = np.log([0.5 * white + 1e-300, 0.5 * white / float(np.median(shape)) + 1e-300])
+        made = optimize.minimize(trial, start, method='Nelder-Mead', options={'maxiter': 200})
+        if made.fun < least[0]:
+            low, falls = (float(v) for v in np.exp(made.x))
+            least = float(made.fun), (low, falls, float(corner))
+    return least[1] if 2.0 * (flat - least[0]) > COLOURED else None
