@@ -84,6 +84,8 @@ def write_explanation(answer: Answer, path: str | os.PathLike[str]) -> None:
 def _verdict(answer: Answer) -> str:
     if not answer.mismatch.detected:
         return 'Nothing is missing.'
+    if answer.unexplained and set(answer.accepted) - {'unknown'}:
+        return 'Something is missing, and not all of it is known here.'
     if answer.unexplained:
         return 'Something is missing that is not known here.'
     if set(answer.accepted) <= {'wrong_parameter'}:
@@ -139,16 +141,21 @@ def _table(answer: Answer) -> list[tuple[str, ...]]:
 def _region(region: Region) -> tuple[str, ...]:
     band = '-'
     if region.band_hz is not None:
-        band = f'{region.band_hz[0]:.0f} to {region.band_hz[1]:.0f}'
+        band = ' to '.join(_frequency(f) for f in region.band_hz)
     return (
         region.recording,
         region.channel,
         _words(region.phase),
-        f'{region.start_s:.4f} to {region.end_s:.4f}',
+        f'{region.start_s:z.4f} to {region.end_s:z.4f}',
         band,
         format_number(region.ratio, 3),
         region.state or '-',
     )
+
+
+def _frequency(value: float) -> str:
+    """Whole hertz; of slow ones three digits."""
+    return f'{value:.0f}' if value >= 100.0 or value == 0.0 else f'{value:.3g}'
 
 
 def _ranked(finding: Finding) -> tuple[str, ...]:
@@ -191,7 +198,7 @@ def _chosen_recordings(answer: Answer) -> list[tuple[str, list[Trace]]]:
     def misfit(traces: Sequence[Trace]) -> float:
         return max(
             (
-                float(((t.measured - t.baseline) ** 2).mean()) / t.noise_std**2
+                float(((t.measured - t.baseline) ** 2).mean()) / max(t.noise_std, 1e-300) ** 2
                 for t in traces
                 if t.time.size
             ),

@@ -25,7 +25,7 @@ from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.evidence import Thresholds, least_gain, noise_std
 
-__all__ = ['WORTH', 'Gain', 'Judge', 'counting_samples', 'noise_share']
+__all__ = ['FINEST', 'WORTH', 'Gain', 'Judge', 'counting_samples', 'noise_share']
 
 Array = NDArray[np.float64]
 

@@ -57,9 +57,8 @@ def describe(s: Subject) -> Answer:
     elif unexplained and not accepted:
         findings.insert(0, Finding('unknown', 1.0, 'unknown', sentence=sentence))
         accepted = ['unknown']
-    if s.case is not None:
-        beside = 'unknown' in accepted and len(accepted) > 1
-        findings = [_modest(f, MOST_BESIDE if beside else MOST) for f in findings]
+    beside = s.case is not None and 'unknown' in accepted and len(accepted) > 1
+    findings = [_modest(f, MOST_BESIDE if beside else MOST) for f in findings]
     detected = bool(accepted)
     taken = findings[: len(accepted)]
     subsystems = tuple(dict.fromkeys(f.subsystem for f in taken if f.subsystem))
@@ -127,7 +126,9 @@ def _saved(s: Subject, new: Sequence[Term], corrected: Sequence[Finding]) -> dic
         items.append({'name': term.name, 'values': values} if values else term.name)
     saved: dict[str, Any] = {'baseline': items, 'values': dict(best.values)}
     wrong = {str(f.parameters['name'].value) for f in corrected}
-    saved['corrected'] = {f'sensor.{name}': best.values[fitted] for name, fitted in STATED if name in wrong}
+    saved['corrected'] = {
+        f'sensor.{name}': best.values[fitted] for name, fitted in STATED if name in wrong
+    }
     saved['sensor'] = {
         stated: {'value': best.values[fitted], 'std': best.std.get(fitted, 0.0)}
         for stated, fitted in STATED

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import signal, stats
 
 from impactscope.discrepancy.answer import FitFigures, FitTable, Region, Trace
+from impactscope.discrepancy.driven.decide import FINEST
 from impactscope.discrepancy.driven.findings import unknown_finding
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.located import case_regions
@@ -23,6 +24,7 @@ from impactscope.discrepancy.evidence import (
     first_discoveries,
     is_white,
     noise_std,
+    quantisation_step,
 )
 
 __all__ = ['left_over', 'p_value_of', 'places', 'table', 'traces']
@@ -58,7 +60,12 @@ def p_value_of(s: Subject, final: Fit) -> float:
 
 
 def _floor(segment: Segment, residual: Array) -> float:
-    return segment.noise if math.isfinite(segment.noise) else noise_std(residual)
+    """Noise of a sample: as stated, or of the residual and not below what the converter leaves."""
+    if math.isfinite(segment.noise):
+        return segment.noise
+    step = quantisation_step(segment.measured)
+    least = FINEST * float(np.max(np.abs(segment.measured)))
+    return max(noise_std(residual), step / math.sqrt(12.0), least)
 
 
 def _rms(values: Array) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -17,6 +18,7 @@ __all__ = ['STATED', 'findings_of', 'modal_finding', 'unknown_finding', 'wrong_p
 
 STATED = (('stiffness', 'stiffness'), ('moving_mass', 'mass'))  # in campaigns and in fits
 APART = 0.3  # relative difference of two numbers that is to be excluded
+REFUSED = 0.5  # probability of what a criterion may like and the rule against chance refuses
 HINT = 4.0  # chi-square a number that makes a richer rival more than a possibility
 SUSPECT = 4.0  # standard uncertainties between a stated and a fitted number
 
@@ -56,7 +58,8 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
             if term.name not in source or p > source[term.name][2]:
                 source[term.name] = term, made, p
     found = []
-    if s.verdict is not None:
+    beside = s.verdict is not None and s.verdict.left and not s.verdict.instead
+    if s.verdict is not None and not beside:
         share = {n: p * (1.0 - s.verdict.probability) for n, p in share.items()}
     for term in new:
         rivals = _confused(s, term.name, best, fits, weight)
@@ -64,7 +67,7 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
     others = sorted((n for n in share if n not in best), key=lambda n: -share[n])
     for name in others[:8]:
         term, made, _ = source[name]
-        found.append(_finding(s, term, made, share[name], ()))
+        found.append(_finding(s, term, made, min(share[name], REFUSED), ()))
     return found
 
 
@@ -179,6 +182,7 @@ def modal_finding(s: Subject) -> Finding:
         parameters[f'damping_ratio_{k}'] = ParameterEstimate(ratio, r_std, '1')
     gain = s.judge.gain(s.outcome.baseline, s.modes.fit)
     count = len(s.modes.frequencies)
+    overlap = _overlapping(s.modes.frequencies, s.modes.damping_ratios)
     return Finding(
         'further_modes',
         1.0,
@@ -186,13 +190,25 @@ def modal_finding(s: Subject) -> Finding:
         parameters,
         sentence=(
             f'The structure is linear and has more modes than the simulation: {count} are seen. '
-            'No nonlinear effect on one mode explains as much.'
+            f'No nonlinear effect on one mode explains as much.{overlap}'
         ),
         equation='sum over modes of (b0 + b1 s) / (s^2 + 2 zeta w s + w^2)',
         source='Ewins, Modal Testing (2000), ch. 2',
         evidence=gain.fitted,
         held_out_gain=gain.held_out if s.judge.has_held_out else math.nan,
     )
+
+
+def _overlapping(frequencies: Sequence[float], ratios: Sequence[float]) -> str:
+    """A sentence where two neighbours are closer than they are wide; empty where none are."""
+    modes = sorted(zip(frequencies, ratios, strict=True))
+    for (low, r_low), (high, r_high) in itertools.pairwise(modes):
+        if high - low < r_low * low + r_high * high:
+            return (
+                f' Those at {low:.4g} and {high:.4g} Hz overlap: one mode whose frequency or '
+                'damping depends on the amplitude looks like that, too.'
+            )
+    return ''
 
 
 def wrong_parameters(s: Subject, final: Fit) -> list[Finding]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +15,14 @@ from impactscope.discrepancy.driven.model import AT_REST, OscillatorModel, Segme
 from impactscope.discrepancy.driven.recordings import Cut, derivative_of, first_state
 from impactscope.discrepancy.driven.terms import Number
 
-__all__ = ['linear_oscillator']
+__all__ = ['linear_oscillator', 'reversed_channels']
 
 Array = NDArray[np.float64]
 
 STEP_ANGLE = 0.4  # rad of the natural oscillation in a sub-step: phase error 2e-4 rad a radian
 MOST_STEPS = 16
 QUARTER = 0.25  # of a cycle is used to find the state at the first sample
+REVERSED = 0.6  # of what the right sign leaves, below which a sign is taken for wrong
 DAMPING_RATIOS = (0.005, 0.02, 0.08, 0.3, 0.9)
 
 
@@ -80,6 +82,10 @@ def _segment(cut: Cut, steps: int, period_samples: float, *, spring: bool, held:
     else:
         drive = inside_samples(cut.drive, steps, held=held)
     derivative = derivative_of(cut.unit)
+    output = cut.output
+    if derivative == 2 and spring:
+        # A mass on a spring stays where it is, so that its mean acceleration is the sensor's.
+        output = output - np.mean(output)
     state = (0.0, 0.0)
     if derivative == 0:
         width = 20 if cut.drive is None else round(QUARTER * period_samples)
@@ -96,7 +102,7 @@ def _segment(cut: Cut, steps: int, period_samples: float, *, spring: bool, held:
         cut.held_out,
         cut.begin,
         period,
-        cut.output,
+        output,
         drive,
         derivative,
         state,
@@ -141,14 +147,23 @@ def _free_starts(cuts: Sequence[Cut]) -> list[tuple[float, float, float]]:
     return [(1.0, 2.0 * ratio * omega, omega**2) for ratio in (0.01, 0.05)]
 
 
-def _driven_starts(cuts: Sequence[Cut], *, spring: bool) -> list[tuple[float, float, float]]:
-    """Mass, damping and stiffness from a scan of natural frequencies and damping ratios.
+@dataclass(frozen=True, slots=True)
+class _Scanned:
+    """A natural frequency and a loss, with the gain that fits best and what that leaves."""
 
-    In the frequency domain, transients neglected; for each pair the mass is a linear unknown.
+    error: float
+    gain: float
+    omega: float  # rad/s
+    loss: float  # 1/s
+
+
+def _scan(cuts: Sequence[Cut], *, spring: bool) -> list[_Scanned]:
+    """Natural frequencies and damping ratios over the band, in order of what they leave.
+
+    In the frequency domain, transients neglected; for each pair the gain is a linear unknown.
     """
-    fitted = [c for c in cuts if not c.held_out]
     spectra = []
-    for c in fitted:
+    for c in cuts:
         length = 1 << (2 * c.output.size - 1).bit_length()
         frequency = np.fft.rfftfreq(length, 1.0 / c.rate)
         assert c.drive is not None  # noqa: S101 - free swings do not come here
@@ -158,43 +173,61 @@ def _driven_starts(cuts: Sequence[Cut], *, spring: bool) -> list[tuple[float, fl
         spectra.append(
             (2j * math.pi * frequency[keep], drive[keep], output[keep], derivative_of(c.unit))
         )
-    longest = max(c.output.size / c.rate for c in fitted)
-    fs = min(c.rate for c in fitted)
+    longest = max(c.output.size / c.rate for c in cuts)
+    fs = min(c.rate for c in cuts)
     if spring:
-        scan = [
-            (omega, ratio)
+        pairs = [
+            (omega, 2.0 * ratio * omega)
             for omega in 2.0 * math.pi * np.geomspace(1.0 / longest, 0.4 * fs, 240)
             for ratio in DAMPING_RATIOS
         ]
     else:
-        scan = [
+        pairs = [
             (0.0, corner) for corner in 2.0 * math.pi * np.geomspace(0.1 / longest, fs / 8, 60)
         ]
+    total = sum(float(np.real(np.vdot(output, output))) for _, _, output, _ in spectra)
     found = []
-    for omega, ratio in scan:
-        above = below = total = 0.0
+    for omega, loss in pairs:
+        above = below = 0.0
         for s, drive, output, derivative in spectra:
-            loss = 2.0 * ratio * omega if spring else ratio
             shape = drive * s**derivative / (s * s + loss * s + omega**2)
             above += float(np.real(np.vdot(shape, output)))
             below += float(np.real(np.vdot(shape, shape)))
-            total += float(np.real(np.vdot(output, output)))
         gain = above / below
-        if gain > 0.0:
-            mass = 1.0 / gain
-            damping = mass * (2.0 * ratio * omega if spring else ratio)
-            found.append((total - gain * above, mass, damping, mass * omega**2))
-    if not found:
-        return [(1.0, 1.0, 1.0)]
-    found.sort()
+        found.append(_Scanned(total - gain * above, gain, omega, loss))
+    return sorted(found, key=lambda x: x.error)
+
+
+def reversed_channels(cuts: Sequence[Cut], *, spring: bool) -> tuple[str, ...]:
+    """Outputs that answer the input with the wrong sign: a sensor that looks the other way.
+
+    A mass below zero would fit these far better than any above.
+    """
+    found = []
+    for channel in dict.fromkeys(c.channel for c in cuts):
+        mine = [c for c in cuts if c.channel == channel and c.drive is not None and not c.held_out]
+        if not mine:
+            continue
+        scanned = _scan(mine, spring=spring)
+        forward = min((x.error for x in scanned if x.gain > 0.0), default=math.inf)
+        if scanned[0].gain < 0.0 and scanned[0].error < REVERSED * forward:
+            found.append(channel)
+    return tuple(found)
+
+
+def _driven_starts(cuts: Sequence[Cut], *, spring: bool) -> list[tuple[float, float, float]]:
+    """Mass, damping and stiffness of up to three natural frequencies that fit best."""
     chosen: list[tuple[float, float, float]] = []
-    for _, mass, damping, stiffness in found:
-        omega = math.sqrt(stiffness / mass)
-        if all(abs(omega - math.sqrt(k / m)) > 0.15 * omega for m, _, k in chosen) or not chosen:
-            chosen.append((mass, damping, stiffness))
+    for x in _scan([c for c in cuts if not c.held_out], spring=spring):
+        if x.gain <= 0.0:
+            continue
+        apart = (abs(x.omega - math.sqrt(k / m)) > 0.15 * x.omega for m, _, k in chosen)
+        if all(apart) or not chosen:
+            mass = 1.0 / x.gain
+            chosen.append((mass, mass * x.loss, mass * x.omega**2))
         if len(chosen) == 3:
             break
-    return chosen
+    return chosen or [(1.0, 1.0, 1.0)]
 
 
 def _sizes(

@@ -23,6 +23,8 @@ __all__ = ['Cut', 'cuts', 'derivative_of', 'first_state']
 Array = NDArray[np.float64]
 
 LEAST_SAMPLES = 64
+LEAST_WIDTH = 10  # samples from which a speed is taken
+BENDS = 9.0  # F of a cubic against a parabola, from which a motion bends too much for it
 MOST_SAMPLES = 30_000  # of all fitted recordings together: more would only take longer
 _DERIVATIVES = {'m/s': 1, 'rad/s': 1, 'm/s^2': 2, 'rad/s^2': 2}
 
@@ -193,8 +195,17 @@ def _shortened(found: list[Cut], notes: list[str], most_of_all: int) -> list[Cut
 
 
 def first_state(samples: Array, period: float, width: int) -> tuple[float, float]:
-    """Position and speed at the first sample, from a parabola through the first ``width``."""
+    """Position and speed at the first sample, from a parabola through the first samples.
+
+    Through ``width`` of them, or through fewer where a cubic is clearly closer to the motion.
+    """
     width = max(4, min(width, samples.size))
-    time = period * np.arange(width)
-    _, slope, level = np.polyfit(time, samples[:width], 2)
-    return float(level), float(slope)
+    while True:
+        time = np.arange(width) / width
+        part = samples[:width]
+        parabola, cubic = np.polyfit(time, part, 2), np.polyfit(time, part, 3)
+        left = float(np.sum((part - np.polyval(parabola, time)) ** 2))
+        rest = float(np.sum((part - np.polyval(cubic, time)) ** 2)) + 1e-300
+        if width <= LEAST_WIDTH or (left - rest) * (width - 4) < BENDS * rest:
+            return float(parabola[2]), float(parabola[1] / (width * period))
+        width = max(LEAST_WIDTH, round(0.7 * width))

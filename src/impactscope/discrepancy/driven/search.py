@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 Start = Callable[[Sequence[Number], Sequence[Term], Sequence[Segment]], Mapping[str, float]]
 
 MOST_NUMBERS = 3  # that may be added to the baseline
+TIE = 2.0  # difference of two criteria that means nothing
 BRIEF = 20  # evaluations after which it is seen which of two starts is better
 STRENGTHS = (0.2, 5.0)  # by how much a start may be stretched to what the projection asks for
 
@@ -202,7 +203,7 @@ def search(
         if depth > 0 and not any(judge.better(_best_parent(fits, f, judge), f) for f in beam):
             break
     everything = list(fits.known.values())
-    best = min(everything, key=lambda f: judge.criterion(f, baseline))
+    best = _plainest(everything, judge, baseline)
     best = prune(best, fits.baseline, judge, lambda fitted, rest: fits.make(fitted, rest, {}))
     if best is not baseline and not judge.better(baseline, best):
         best = baseline
@@ -210,6 +211,24 @@ def search(
         best = _polish(fits, best)
     rivals = tuple(f for f in fits.known.values() if f is not best)
     return Outcome(baseline, best, rivals, len(best.terms) > len(baseline.terms))
+
+
+def _plainest(fits: Sequence[Fit], judge: Judge, baseline: Fit) -> Fit:
+    """The best fit; of several that say the same, the one with the fewest lopsided laws.
+
+    Friction that differs by direction and friction beside a constant force are one law in two
+    words: what rounding prefers must not name the finding.
+    """
+    criteria = {id(f): judge.criterion(f, baseline) for f in fits}
+    best = min(fits, key=lambda f: criteria[id(f)])
+    alike = [
+        f for f in fits if f.added == best.added and criteria[id(f)] < criteria[id(best)] + TIE
+    ]
+    return min(alike, key=lambda f: (_lopsided(f), criteria[id(f)]))
+
+
+def _lopsided(made: Fit) -> int:
+    return sum(t.name.startswith('asymmetric_') for t in made.terms)
 
 
 def _siblings(
