@@ -10,7 +10,7 @@ from impactscope.discrepancy.driven.terms import Number, Term
 
 __all__ = ['MAINS', 'ORDERS', 'channel_terms']
 
-ORDERS = (1, 2, 3, 4, 6, 8)
+ORDERS = (1, 2, 3, 4, 5, 6, 7, 8)
 MAINS = (50.0, 60.0)  # Hz
 HARMONICS = (2, 3)
 CLOCKS = 1e-3  # largest drift of a clock that is looked for

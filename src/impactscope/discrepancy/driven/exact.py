@@ -36,7 +36,16 @@ NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the bes
 FAR = 10.0  # times the samples: chi-square from which a search goes on from what was found
 POLISHED = 'polished'
 FIRST_ORDER = 2  # of the low-pass that is looked for before its other orders are
-LATE = {1: 1.0, 2: 1.414, 3: 2.0, 4: 2.613, 6: 3.864, 8: 5.126}  # delay times corner, 1/(2 pi)
+LATE = {
+    1: 1.0,
+    2: 1.414,
+    3: 2.0,
+    4: 2.613,
+    5: 3.236,
+    6: 3.864,
+    7: 4.494,
+    8: 5.126,
+}  # delay times corner, 1/(2 pi)
 
 
 class _Fits:
@@ -175,6 +184,7 @@ def exact_search(
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
     best = _pruned(fits, best, judge)
     best = _pruned(fits, _other_friction(fits, best, judge), judge)
+    best = _other_asymmetry(fits, best, judge)
     best = _against_rivals(fits, best, judge)
     level = judge.criterion(best, baseline) + NEAR
     for made in [f for f in fits.known.values() if judge.criterion(f, baseline) < level]:
@@ -264,6 +274,24 @@ def _other_friction(fits: _Fits, best: Fit, judge: Judge) -> Fit:
         speed = next(n for n in term.numbers if n.name == 'speed')
         later = {**initial, key(term, speed): speed.starts[len(speed.starts) // 2]}
         fits.make(best, terms, initial, later)
+    return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))
+
+
+def _other_asymmetry(fits: _Fits, best: Fit, judge: Judge) -> Fit:
+    """A friction that differs by direction against an even one and a load that stays."""
+    old = next((t for t in best.terms if t.name == 'asymmetric_friction'), None)
+    even = next((t for t in fits.model.terms if t.label == 'coulomb_friction'), None)
+    if old is None or even is None:
+        return best
+    forces = [best.values[key(old, n)] for n in old.numbers if n.name.startswith('force')]
+    mean, load = sum(forces) / len(forces), 0.5 * (forces[-1] - forces[0])
+    rest = tuple(t for t in best.terms if t is not old)
+    stiffness = best.values.get('stiffness', 1.0)
+    for offset in fits.model.terms:
+        if offset.name == 'offset' and all(offset.stands_with(t) for t in (*rest, even)):
+            size = load / stiffness if offset.output else load
+            initial = {key(even, even.numbers[0]): mean, key(offset, offset.numbers[0]): size}
+            fits.make(best, (*rest, even, offset), initial)
     return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))
 
 

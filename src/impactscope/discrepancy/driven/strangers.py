@@ -29,6 +29,9 @@ Laws = Callable[[Model, Fit, Sequence[Segment]], Iterator[Group]]
 
 LOOKS = 600  # independent laws, about
 FALSE = 0.002  # chance that something is called left where nothing is
+BESIDE = (
+    1e-4  # the same beside a finding: what the finding's own errors leave looks like a law, too
+)
 MARGIN = 10.0  # chi-square by which a law beyond the vocabulary must be the better explanation
 
 
@@ -164,10 +167,11 @@ def verdict(
         return Verdict(left, left, alone, 1.0 - alone.p_value if left else 0.0)
     beside = sought(best)
     ahead = alone.worth - equivalent_gain(gain, best.added - baseline.added) - MARGIN
-    needed = beside.p_value < FALSE
+    needed = beside.p_value < BESIDE
     clearly = ahead > MARGIN or (ahead > 0.0 and beside.worth > MARGIN)
-    instead = clearly or (needed and ahead > -MARGIN)
-    left = instead or beside.p_value < FALSE
+    same = alone.law.partition(' at ')[0] == beside.law.partition(' at ')[0]
+    instead = clearly or (needed and same and ahead > -MARGIN)
+    left = instead or needed
     chance = 1.0 / (1.0 + math.exp(-min(max(0.5 * ahead, -300.0), 300.0)))
     if left and not instead:
         chance = max(chance, 1.0 - beside.p_value)
