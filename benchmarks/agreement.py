@@ -125,7 +125,7 @@ def tap(case: KnownCase) -> HammerTap:
     if not case.pulses:
         return HammerTap(peak_force=0.0)
     (pulse, *more) = case.pulses
-    if more or pulse.start != 0 or pulse.power != 1:
+    if more or pulse.start != 0 or pulse.power != 1 or pulse.cycles:
         raise ConfigurationError('the twin taps once, at time 0, with a half sine')
     return HammerTap(pulse.peak, pulse.duration)
 

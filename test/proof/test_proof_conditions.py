@@ -9,6 +9,7 @@ from impactscope.proof.conditions import draw_scenario
 from impactscope.proof.detectability import STATED, Freedom
 from impactscope.proof.draw import draw
 from impactscope.proof.effect import struck, swung
+from impactscope.proof.measurement import input_channel
 from impactscope.proof.scenario import STRIKES
 
 
@@ -67,3 +68,14 @@ def test_a_robot_is_not_weighed_on_the_plate():
 def test_labels_are_wrong_where_a_pendulum_strikes(seed):
     concealed = draw(np.random.default_rng(seed), category='label', classes=False)
     assert swung(concealed.stated)
+
+
+def test_some_plates_are_shaken_and_the_force_is_recorded():
+    drawn = [draw_scenario(np.random.default_rng(seed), 'driven') for seed in range(30)]
+    shaken = [s for s in drawn if all(p.cycles for b in s.blows for p in b.pulses)]
+    assert 3 <= len(shaken) <= 20
+    for blow in shaken[0].blows:
+        force = input_channel(blow, 10e3)
+        acting = np.flatnonzero(force)
+        assert acting[0] >= blow.start * 10e3
+        assert acting.size > 0.8 * (blow.duration - blow.start) * 10e3

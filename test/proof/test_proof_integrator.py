@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from impactscope.errors import InputError
-from impactscope.proof.bench import BENCH, Bench, Pendulum
+from impactscope.proof.bench import BENCH, Bench, Pendulum, Pulse
 from impactscope.proof.integrator import COLUMNS, integrate
 
 FORCE, PLATE, IMPACTOR = (
@@ -73,6 +73,20 @@ def test_a_plate_at_rest_under_little_force_does_not_creep():
     motion = integrate(bench, times(1.0, 1e-3), displacement=4.9 / bench.stiffness)
     assert np.ptp(motion[:, COLUMNS.index('displacement.plate')]) == 0
     assert not motion[:, PLATE].any()
+
+
+def test_a_shaken_plate_follows_the_closed_form():
+    bench, cycles, length, peak = BENCH, 11.0, 0.4, 20.0
+    t = times(0.35, 1e-4)
+    motion = integrate(bench, t, pulses=(Pulse(0.0, length, peak, cycles=cycles),))
+    drive = 2j * np.pi * cycles / length  # the force is the imaginary part of peak exp(drive t)
+    own = np.roots([bench.mass, bench.damping, bench.stiffness])
+    reach = peak / (bench.mass * drive**2 + bench.damping * drive + bench.stiffness)
+    begin = [-reach.imag, -(drive * reach).imag]  # the free motion that starts from rest
+    free = np.linalg.solve(np.vstack([own**0, own]), begin)
+    exact = (reach * drive**2 * np.exp(drive * t)).imag
+    exact += (np.exp(np.outer(t, own)) @ (free * own**2)).real
+    assert motion[1:, PLATE] == pytest.approx(exact[1:], abs=1e-6 * np.ptp(exact))
 
 
 def test_impulse_equals_change_of_momentum():

@@ -5,9 +5,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 __all__ = ['BENCH', 'GRAVITY', 'Bench', 'Pendulum', 'Pulse']
 
 GRAVITY = 9.80665  # m/s²
+
+Array = NDArray[np.float64]
 
 
 class Bench(NamedTuple):
@@ -73,12 +78,25 @@ BENCH = Bench()
 
 
 class Pulse(NamedTuple):
-    """A force on the plate: peak sin(pi s)^power with s the elapsed share of the duration."""
+    """A force on the plate: peak sin(pi s)^power with s the elapsed share of the duration.
+
+    With ``cycles`` it is a train of so many sine waves instead, as of a shaker.
+    """
 
     start: float  # s after the begin of the simulation
     duration: float  # s
     peak: float  # N
     power: float = 1.0
+    cycles: float = 0.0
+
+    def force(self, t: Array) -> Array:
+        """Force, N, at times t, s."""
+        share = (t - self.start) / self.duration
+        acting = (share > 0) & (share < 1)
+        if self.cycles > 0:
+            return np.where(acting, self.peak * np.sin(2 * np.pi * self.cycles * share), 0.0)
+        hump = np.sin(np.pi * np.clip(share, 0.0, 1.0)) ** self.power
+        return np.where(acting, self.peak * hump, 0.0)
 
 
 class Pendulum(NamedTuple):

@@ -144,12 +144,7 @@ def _slides(p: Bench, step: float) -> str:
 
 
 def _applied(case: KnownCase, t: float) -> float:
-    force = 0.0
-    for pulse in case.pulses:
-        share = (t - pulse.start) / pulse.duration
-        if 0 < share < 1:
-            force += pulse.peak * math.sin(math.pi * share) ** pulse.power
-    return force
+    return sum(float(pulse.force(np.array(t))) for pulse in case.pulses)
 
 
 def _mujoco() -> Any:

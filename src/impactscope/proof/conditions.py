@@ -186,9 +186,11 @@ def _driven(rng: np.random.Generator) -> Scenario:
     bench = BENCH._replace(mass=mass, stiffness=mass * omega**2, damping=2 * zeta * mass * omega)
     noise = {'acceleration.plate': float(10 ** rng.uniform(-1.3, -0.5))}
     noise[INPUTS['driven']] = 0.02 * mass * noise['acceleration.plate']
+    shaken = rng.random() < 0.35
     blows = []
     for i in range(count):
         start = float(rng.uniform(0.1, 0.3))
+        duration = start + float(rng.uniform(0.8, 1.2))
         pulses = [
             Pulse(at, float(rng.uniform(0.004, 0.010)), float(rng.uniform(60, 400)), 2.0)
             for at in (0.0, float(rng.uniform(0.1, 0.4)))[: int(rng.integers(1, 3))]
@@ -198,9 +200,9 @@ def _driven(rng: np.random.Generator) -> Scenario:
                 'driven',
                 bench,
                 start,
-                start + float(rng.uniform(0.8, 1.2)),
+                duration,
                 'hold_out' if i >= count - 2 else 'fit',
-                tuple(pulses),
+                _shaking(rng, omega, duration - start) if shaken else tuple(pulses),
                 hum_phase=float(rng.uniform(0, 2 * np.pi)),
             )
         )
@@ -213,6 +215,18 @@ def _driven(rng: np.random.Generator) -> Scenario:
         {'acceleration.plate': Chain()},
         ('linear_sensor',),
     )
+
+
+def _shaking(rng: np.random.Generator, omega: float, length: float) -> tuple[Pulse, ...]:
+    """A shaker's sum of sines about the natural frequency (omega, rad/s) over ``length`` s."""
+    size = float(rng.uniform(3, 30))
+    tones = []
+    for _ in range(int(rng.integers(3, 9))):
+        frequency = omega / (2 * math.pi) * float(10 ** rng.uniform(-0.5, 0.5))
+        cycles = float(max(round(frequency * 0.9 * length), 1))
+        begin = float(rng.uniform(0, 0.05))
+        tones.append(Pulse(begin, 0.9 * length, size * float(rng.uniform(0.3, 1)), cycles=cycles))
+    return tuple(tones)
 
 
 def _prescribed(rng: np.random.Generator) -> Scenario:

@@ -137,7 +137,7 @@ def derivatives(
         p: the bench.
         contact: APART or TOUCHING.
         guide: STUCK, FORWARD, BACKWARD or FREE.
-        pulses: shape (n, 4): start s, duration s, peak N, power.
+        pulses: shape (n, 5): start s, duration s, peak N, power, cycles.
         springs: of the fractional ladder, N/m.
         dashpots: of the ladder, N s/m.
         forces: shape (3,).
@@ -158,7 +158,10 @@ def derivatives(
     for i in range(pulses.shape[0]):
         share = (t - pulses[i, 0]) / pulses[i, 1]
         if 0.0 < share < 1.0:
-            applied += pulses[i, 2] * math.sin(math.pi * share) ** pulses[i, 3]
+            if pulses[i, 4] > 0.0:
+                applied += pulses[i, 2] * math.sin(2 * math.pi * pulses[i, 4] * share)
+            else:
+                applied += pulses[i, 2] * math.sin(math.pi * share) ** pulses[i, 3]
 
     fc = 0.0
     u = 0.0

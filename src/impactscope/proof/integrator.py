@@ -296,7 +296,7 @@ def integrate(
     state[0], state[1] = displacement, velocity
     state[4] = displacement
     state[5] = state[7] = bench.speed if bench.impactor_mass > 0 else 0.0
-    table = np.array([tuple(pulse) for pulse in pulses], dtype=np.float64).reshape(-1, 4)
+    table = np.array([tuple(pulse) for pulse in pulses], dtype=np.float64).reshape(-1, 5)
     breaks = [*table[:, 0], *(table[:, 0] + table[:, 1])]
     if bench.push != 0:
         breaks += [bench.push_start, bench.push_start + bench.push_rise]

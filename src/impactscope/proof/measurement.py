@@ -82,13 +82,8 @@ def input_channel(blow: Blow, rate: float) -> Array:
     t = np.arange(math.ceil(blow.duration * rate)) / rate
     if blow.kind != 'driven':
         return course(blow.waves, t)[0]
-    t -= blow.start
-    force = np.zeros(t.size)
-    for pulse in blow.pulses:
-        share = (t - pulse.start) / pulse.duration
-        inside = (share > 0) & (share < 1)
-        force[inside] += pulse.peak * np.sin(np.pi * share[inside]) ** pulse.power
-    return force
+    forces = (pulse.force(t - blow.start) for pulse in blow.pulses)
+    return sum(forces, start=np.zeros(t.size))
 
 
 def _signals(blow: Blow, t: Array, names: Sequence[str]) -> dict[str, Array]:
