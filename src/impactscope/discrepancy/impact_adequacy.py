@@ -269,7 +269,8 @@ def _chain(fit: Fit) -> Array:
                     shapes[other] = np.interp(time, blow.channels[other].centres, its)
             for label, shape in shapes.items():
                 column = columns.setdefault((name, label), np.zeros(layout.size))
-                column[span] = (shape / channel.std)[mask]
+                part = (shape / channel.std)[mask]
+                column[span] = model.whitened(part, i, name, layout)
     return np.stack(list(columns.values()), axis=1)
 
 

@@ -1,7 +1,7 @@
 """Recordings of blows made ready for a fit: onset, noise, and bins that keep what matters.
 
 Before the blow, and where a channel is sampled faster than anything on the bench moves, samples
-are averaged over bins, and the simulation over the same span by two nodes, which is exact for two
+are averaged over bins, and the simulation over the same span by nodes: two are exact for two
 samples and for cubics. Around the first contact every sample counts on its own.
 
 Nobody knows the force of a tap, in size or in shape. So a tap is judged by what the bench does of
@@ -22,6 +22,7 @@ from scipy import integrate, ndimage
 
 from impactscope.discrepancy.campaign import Campaign, CampaignRecording, ChannelSamples, Role
 from impactscope.discrepancy.evidence import noise_std, quantisation_step
+from impactscope.discrepancy.impact_noise import Colour, colour_of
 from impactscope.errors import InputError
 from impactscope.physics.pendulum import Orientation
 
@@ -44,6 +45,7 @@ _FINE_UNTIL = 0.025  # s after the onset in which every sample counts
 _LATE = 0.3  # s after the onset from which a bench may be still
 _STILL = 0.02  # s over which it is
 _LONG_BIN = 4e-3  # s, where nothing changes
+_NODE_STEP = 5e-5  # s
 _FLOOR = 0.05  # of the noise, of a sample: what two sound simulations may differ by
 _RELATIVE_FLOOR = 2e-4  # of the value
 _TIME_FLOOR = 2e-7  # s, of the moment of a sample
@@ -70,7 +72,9 @@ class BinnedChannel:
     samples: Array  # shape (n_samples,)
     edges: IntArray  # first sample of each bin, shape (n_bins,)
     counts: IntArray
-    nodes: Array  # times at which the simulation is averaged, s, shape (2, n_bins)
+    nodes: Array  # times at which the simulation is averaged, s, shape (n_nodes,)
+    first_nodes: IntArray  # of each bin, shape (n_bins,)
+    node_counts: IntArray
     centres: Array  # s
     means: Array
     std: Array  # standard deviation of the means, with what a bench does not repeat
@@ -79,6 +83,11 @@ class BinnedChannel:
     noise: float  # of a sample
     step: float = 0.0  # of the converter, 0 where it cannot be seen
     clipped_at: float = math.inf
+    colour: Colour | None = None  # of the noise; None: white
+
+    def averaged(self, at_nodes: Array) -> Array:
+        """Means over the bins of what was simulated at the nodes, shape (n_bins,)."""
+        return np.asarray(np.add.reduceat(at_nodes, self.first_nodes) / self.node_counts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +95,7 @@ class BlowData:
     """One blow: its recording, its onset and its channels.
 
     ``times``: rising, all moments at which the simulation is needed; ``where[channel]`` says
-    which of them are the channel's nodes, shape (2, n_bins). ``settled``: moment from which the
+    which of them are the channel's nodes, shape (n_nodes,). ``settled``: moment from which the
     bench moves of its own after a tap; the onset for any other blow.
     """
 
@@ -152,10 +161,17 @@ def prepare(campaign: Campaign) -> CampaignData:
     if not any(recording.role is Role.FIT for recording, _ in onsets):
         raise InputError(f'{campaign.name}: no recording to fit holds a blow that can be used')
     noise = _noise(onsets, campaign.noise_std)
+    colours = _colours(onsets, campaign.noise_std)
+    noise |= {name: colour.std for name, colour in colours.items()}
+    if colours:
+        notes.append(
+            f'The noise of {", ".join(colours)} is not white before the blows: residuals are '
+            'judged by what each sample tells beyond those before it.'
+        )
     blows = []
     for recording, onset in sorted(onsets, key=lambda item: item[0].role is Role.HOLD_OUT):
         swinging = recording.kind == 'pendulum' and campaign.orientation is Orientation.HORIZONTAL
-        blows.append(_blow(recording, onset, noise, swinging, notes))
+        blows.append(_blow(recording, onset, noise, colours, swinging, notes))
     seen = {name for blow in blows for name in blow.channels}
     struck = any(blow.recording.kind != 'tap' for blow in blows)
     for name, lost in _WITHOUT.items():
@@ -219,6 +235,43 @@ def _noise(
     return result
 
 
+def _colours(
+    onsets: Sequence[tuple[CampaignRecording, float]], stated: Mapping[str, float]
+) -> dict[str, Colour]:
+    """Noise of the channels whose quiet before the blows is not white."""
+    found = {}
+    for name in CHANNELS:
+        quiet: dict[float, list[Array]] = {}
+        for recording, onset in onsets:
+            channel = recording.channels.get(name)
+            if channel is None or name in stated:
+                continue
+            count = int((onset - 2e-3 - channel.start) * channel.sample_rate)
+            before = channel.values[: max(count, 0)]
+            parts = _about_release(before) if name == 'acceleration.impactor' else [before]
+            quiet.setdefault(channel.sample_rate, []).extend(parts)
+        if len(quiet) == 1:
+            rate, stretches = next(iter(quiet.items()))
+            colour = colour_of(stretches, rate)
+            if colour is not None:
+                found[name] = colour
+    return found
+
+
+def _about_release(before: Array) -> list[Array]:
+    """What an impactor shows before the blow, without its swing, and parted where it is let go."""
+    if before.size < 16 or not np.isfinite(before).all():
+        return []
+    jump = int(np.argmax(np.abs(np.cumsum(before - np.mean(before)))))
+    parts = [before[: max(jump - 2, 0)], before[jump + 3 :]]
+    swing = [np.linspace(-1.0, 1.0, part.size) for part in parts]
+    return [
+        part - np.polyval(np.polyfit(t, part, 5), t)
+        for part, t in zip(parts, swing, strict=True)
+        if part.size >= 64
+    ]
+
+
 # --- bins --------------------------------------------------------------------------------------
 
 
@@ -226,6 +279,7 @@ def _blow(
     recording: CampaignRecording,
     onset: float,
     noise: Mapping[str, float],
+    colours: Mapping[str, Colour],
     swinging: bool,
     notes: list[str],
 ) -> BlowData:
@@ -238,7 +292,7 @@ def _blow(
         if swinging:  # nobody knows whether it comes back
             last = CAUGHT if name == 'acceleration.impactor' else RETURN
         coarse = name in ('force', 'acceleration.base')
-        binned = _bin(channel, onset, noise[name], last, coarse=coarse)
+        binned = _bin(channel, onset, noise[name], last, colours.get(name), coarse=coarse)
         channels[name] = binned
         if math.isfinite(binned.clipped_at):
             notes.append(
@@ -294,18 +348,24 @@ def _tap_length(channels: Mapping[str, BinnedChannel], onset: float) -> float:
 
 
 def _moments(channels: Mapping[str, BinnedChannel]) -> tuple[Array, dict[str, IntArray]]:
-    every = [c.nodes.ravel() for c in channels.values()]
+    every = [c.nodes for c in channels.values()]
     times, inverse = np.unique(np.concatenate(every), return_inverse=True)
     where, begin = {}, 0
     for name, channel in channels.items():
         size = channel.nodes.size
-        where[name] = inverse[begin : begin + size].reshape(2, -1).astype(np.int64)
+        where[name] = inverse[begin : begin + size].astype(np.int64)
         begin += size
     return times, where
 
 
 def _bin(
-    channel: ChannelSamples, onset: float, sigma: float, last: float, *, coarse: bool
+    channel: ChannelSamples,
+    onset: float,
+    sigma: float,
+    last: float,
+    colour: Colour | None,
+    *,
+    coarse: bool,
 ) -> BinnedChannel:
     """One channel in bins; ``coarse``: one that contacts and reversals do not make jump."""
     rate = channel.sample_rate
@@ -329,9 +389,10 @@ def _bin(
     counts = np.diff(np.append(edges, samples.size))
     means = np.add.reduceat(samples, edges) / counts if samples.size else samples
     centres = time[edges] + 0.5 * (counts - 1) / rate
-    half = np.sqrt((counts.astype(np.float64) ** 2 - 1.0) / 12.0) / rate
+    nodes, first_nodes, node_counts = _nodes(time, edges, counts, onset, rate)
     slope = np.gradient(means, centres) if means.size > 1 else np.zeros(means.size)
-    variance = sigma**2 / counts + (_FLOOR * sigma) ** 2 / counts
+    variance = sigma**2 / counts if colour is None else colour.variance_of_means(counts)
+    variance = variance + (_FLOOR * sigma) ** 2 / counts
     variance = variance + (_RELATIVE_FLOOR * means) ** 2 + (_TIME_FLOOR * slope) ** 2
     used = np.isfinite(means)
     if channel.name == 'acceleration.impactor':
@@ -348,7 +409,9 @@ def _bin(
         samples=samples,
         edges=edges,
         counts=counts,
-        nodes=np.stack([centres - half, centres + half]),
+        nodes=nodes,
+        first_nodes=first_nodes,
+        node_counts=node_counts,
         centres=centres,
         means=np.where(used, means, 0.0),
         std=std,
@@ -357,7 +420,32 @@ def _bin(
         noise=sigma,
         step=step,
         clipped_at=clip,
+        colour=colour,
     )
+
+
+def _nodes(
+    time: Array, edges: IntArray, counts: IntArray, onset: float, rate: float
+) -> tuple[Array, IntArray, IntArray]:
+    """Times at which each bin is simulated, the first of each bin, and how many it has.
+
+    One for a sample, and two for two samples or a bin before the blow, so placed that cubics are
+    exact. In a bin after the blow contacts may come and go that no noise shows: it is followed
+    in steps of ``_NODE_STEP``.
+    """
+    width = counts / rate
+    steps = np.where(counts > 1, 2, 1)
+    followed = (width > 2 * _NODE_STEP) & (counts > 2) & (time[edges] > onset)
+    steps[followed] = np.ceil(counts / max(1, round(_NODE_STEP * rate)))[followed]
+    first = np.concatenate([[0], np.cumsum(steps)[:-1]]).astype(np.int64)
+    place = np.arange(int(np.sum(steps))) - np.repeat(first, steps)
+    count, parts = np.repeat(counts, steps), np.repeat(steps, steps)
+    # means of n equal steps over the samples of a bin; two of them at the nodes of Gauss
+    middle = (place + 0.5) / parts * count - 0.5
+    half = np.sqrt((count.astype(np.float64) ** 2 - 1.0) / 12.0)
+    gauss = 0.5 * (count - 1) + np.where(place > 0, half, -half)
+    offset = np.where(parts == 2, gauss, middle)
+    return np.repeat(time[edges], steps) + offset / rate, first, steps
 
 
 def _quick(samples: Array, sigma: float, reach: int) -> NDArray[np.bool_]:

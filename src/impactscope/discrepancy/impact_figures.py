@@ -57,8 +57,9 @@ def pictures(outcome: Outcome) -> tuple[tuple[Trace, ...], list[Strip]]:
                 mask = after.layout.masks[i, name]
                 where = blow.where[name]
                 same = rows.shape[0] == blow.times.size
-                x = rows[where, at.PLATE_POSITION].mean(axis=0) if same else np.zeros(mask.size)
-                v = rows[where, at.PLATE_VELOCITY].mean(axis=0) if same else np.zeros(mask.size)
+                nothing = np.zeros(mask.size)
+                x = channel.averaged(rows[where, at.PLATE_POSITION]) if same else nothing
+                v = channel.averaged(rows[where, at.PLATE_VELOCITY]) if same else nothing
                 if spans is None:
                     spans = _phases(blow.recording.kind, channel.centres, x, after, i)
                 traces.append(
@@ -76,14 +77,22 @@ def pictures(outcome: Outcome) -> tuple[tuple[Trace, ...], list[Strip]]:
                         v[mask],
                     )
                 )
-                std = channel.std[mask]
+                left = [
+                    after.model.whitened(
+                        (channel.means[mask] - p.means[name][mask]) / channel.std[mask],
+                        i,
+                        name,
+                        after.layout,
+                    )
+                    for p in (old, new)
+                ]
                 strips.append(
                     Strip(
                         blow.name,
                         name,
                         channel.centres[mask],
-                        (channel.means[mask] - old.means[name][mask]) / std,
-                        (channel.means[mask] - new.means[name][mask]) / std,
+                        left[0],
+                        left[1],
                         x[mask],
                         v[mask],
                         spans,

@@ -10,11 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.impact_model import ImpactModel, Layout
+from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['Fit', 'at_point', 'fit', 'jacobian', 'projector']
@@ -97,9 +99,9 @@ def jacobian(
         moved[j] += step
         values = model.values(moved)
         blows = layout.blows if number.blow is None else (number.blow,)
-        for i in blows:
+        parts = side_by_side(partial(model.blow_residuals, values, layout=layout), blows)
+        for i, changed in zip(blows, parts, strict=True):
             span = layout.blow_spans[i]
-            changed = model.blow_residuals(values, i, layout)
             result[span, j] = (changed - residuals[span]) / step
         prior = model.prior_residuals(values, layout) - residuals[layout.size :]
         result[layout.size :, j] = prior / step

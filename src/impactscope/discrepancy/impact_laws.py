@@ -20,6 +20,7 @@ from scipy import signal
 
 from impactscope.discrepancy.impact_fit import Fit
 from impactscope.discrepancy.impact_model import ImpactModel
+from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import mechanism
 from impactscope.physics.twin import layout as at
@@ -52,9 +53,10 @@ def law_responses(fit: Fit) -> list[Law]:
     effects = tuple(e for e in fit.model.effects if not mechanism(e.name).on_channel)
     bench = dataclasses.replace(fit.model, effects=effects)  # channels show the plain motion
     columns: dict[str, dict[str, Array]] = {}
-    for i in fit.layout.blows:
+    found = side_by_side(lambda i: list(_of_blow(fit, bench, i)), fit.layout.blows)
+    for i, responses in zip(fit.layout.blows, found, strict=True):
         span = fit.layout.blow_spans[i]
-        for label, number, response in _of_blow(fit, bench, i):
+        for label, number, response in responses:
             law = columns.setdefault(label, {})
             law.setdefault(number.replace('@', str(i)), np.zeros(fit.layout.size))[span] = response
     return [
@@ -100,7 +102,7 @@ def _of_blow(fit: Fit, bench: ImpactModel, i: int) -> Iterator[tuple[str, str, A
             change = moved[place, column] - plain[place, column]
             if in_spring and column == at.READING:
                 change = change + np.interp(times, grid, force, left=0.0)
-            parts.append(-scale * change)
+            parts.append(bench.whitened(-scale * change, i, name, layout))
         return np.concatenate(parts)
 
     for label, number, in_spring, force in law_forces(x, v, grid + start):
@@ -123,7 +125,7 @@ def _moved(par: Array, force: Array, moments: Array) -> Array:
     """Motion of the bench with a further force on the plate, rows at the moments."""
     driven = np.concatenate([par[: at.N_PARAMETERS], force])
     driven[at.EXCITATION_RATE] = 1.0 / _STEP
-    rows: Array = solve(driven, moments, _TOLERANCE)[0]
+    rows: Array = solve(driven, moments, _TOLERANCE, lean=True)[0]
     return rows
 
 

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from impactscope.discrepancy.impact_data import BinnedChannel, BlowData, CampaignData
+from impactscope.discrepancy.impact_noise import Whitener, whitener
+from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import mechanism
 from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum
@@ -42,11 +44,14 @@ Array = NDArray[np.float64]
 TOLERANCE = 1e-7
 SPEED_RATIO = 'impact_speed_loss.ratio'
 _CACHE = 6  # solutions kept for each blow
+_WHITENERS = 150  # kept
 _KINK_TIME = 1.5e-5  # s around a reversal in which a sample may fall on either side of its jump
 _TELLS = 3.0  # of its noise, uncertainty of a bin up to which it is fitted
 _WHOLE = ('low_pass_filter', 'ac_coupling')  # effects that need every sample
 _WEIGHTS = ('gravity_load', 'restoring_force')
-_FRICTION_EVENTS = (at.STICKS, at.SLIPS, at.REVERSES)
+_EVENTS = np.arange(16)
+_FRICTION_EVENT = np.isin(_EVENTS, (at.STICKS, at.SLIPS, at.REVERSES))
+_CONTACT_EVENT = np.isin(_EVENTS, (at.CONTACT_BEGINS, at.CONTACT_ENDS))
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +148,7 @@ class ImpactModel:
         default_factory=list, repr=False
     )
     steps: dict[str, float] = field(default_factory=dict, repr=False)  # of finite differences
+    whiteners: dict[bytes, Whitener] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         if not self.caches:
@@ -218,8 +224,9 @@ class ImpactModel:
         """Measured minus simulated over the noise, then the priors; shape (size + n_free,)."""
         values = self.values(x)
         out = np.empty(layout.size + len(self.free))
-        for i in layout.blows:
-            out[layout.blow_spans[i]] = self.blow_residuals(values, i, layout)
+        parts = side_by_side(lambda i: self.blow_residuals(values, i, layout), layout.blows)
+        for i, part in zip(layout.blows, parts, strict=True):
+            out[layout.blow_spans[i]] = part
         out[layout.size :] = self.prior_residuals(values, layout)
         return out
 
@@ -253,8 +260,27 @@ class ImpactModel:
             if name == 'acceleration.plate' and prediction.kinks.size:
                 jump = prediction.jump / channel.std[mask]
                 residual = _softened(residual, jump, channel.centres[mask], prediction.kinks)
-            parts.append(residual)
+            parts.append(self.whitened(residual, i, name, layout))
         return np.concatenate(parts) if parts else np.zeros(0)
+
+    def whitened(self, rows: Array, i: int, name: str, layout: Layout) -> Array:
+        """Standardised rows of a channel of blow ``i``, each less what the noise before it tells.
+
+        Shape (n_used,) or (n_used, n_columns); as they are where the noise is white.
+        """
+        channel = self.data.blows[i].channels[name]
+        if channel.colour is None:
+            return rows
+        mask = layout.masks[i, name]
+        key = b''.join((bytes((i,)), name.encode(), mask.tobytes(), channel.std.tobytes()))
+        known = self.whiteners.get(key)
+        if known is None:
+            while len(self.whiteners) >= _WHITENERS:
+                self.whiteners.pop(next(iter(self.whiteners)))
+            known = self.whiteners[key] = whitener(
+                channel.colour, channel.centres[mask], channel.counts[mask], channel.std[mask]
+            )
+        return known(rows)
 
     # --- simulation ------------------------------------------------------------------------
 
@@ -268,7 +294,8 @@ class ImpactModel:
         whole = {n: e for n, e in chain.items() if any(k in _WHOLE for k, _ in e)}
         if shifted or whole:
             times, where = _all_moments(blow, shifted, whole)
-        rows, event_times, event_kinds = self._solve(values, i, times, start, until)
+        par = self.parameters(values, i)
+        rows, event_times, event_kinds = self._solve(par, i, times, start, until)
         means = {}
         for name, channel in blow.channels.items():
             gain = values.get(f'gain.{name}', 1.0)
@@ -279,39 +306,33 @@ class ImpactModel:
             if name in whole:
                 means[name] = np.add.reduceat(clean, channel.edges) / channel.counts
             else:
-                means[name] = 0.5 * (clean[0] + clean[1])
-        friction = np.isin(event_kinds, _FRICTION_EVENTS)
-        contact = np.isin(event_kinds, (at.CONTACT_BEGINS, at.CONTACT_ENDS))
+                means[name] = channel.averaged(clean)
+        friction = _FRICTION_EVENT[event_kinds]
+        contact = _CONTACT_EVENT[event_kinds]
         return Prediction(
             means=means,
             kinks=event_times[friction] + start,
-            jump=self._jump(values, i),
+            jump=float((par[at.KINETIC_FORWARD] + par[at.KINETIC_BACKWARD]) / par[at.PLATE_MASS]),
             rows=rows,
             contacts=event_times[contact] + start,
             contact_kinds=event_kinds[contact],
             start=start,
         )
 
-    def _jump(self, values: Mapping[str, float], i: int) -> float:
-        par = self.parameters(values, i)
-        sliding = par[at.KINETIC_FORWARD] + par[at.KINETIC_BACKWARD]
-        return float(sliding / par[at.PLATE_MASS])
-
     def _solve(
-        self, values: Mapping[str, float], i: int, times: Array, start: float, until: float
+        self, par: Array, i: int, times: Array, start: float, until: float
     ) -> tuple[Array, Array, NDArray[np.int64]]:
-        par = self.parameters(values, i)
         count = int(np.searchsorted(times, until + 0.01))
         key = par.tobytes() + np.array([start, count, times.size, times[-1], times[0]]).tobytes()
         key += times[:: max(1, times.size // 7)].tobytes()
         cache = self.caches[i]
         if key in cache:
             return cache[key]
-        rows = np.zeros((times.size, at.N_COLUMNS))
+        rows = np.zeros((times.size, at.N_LEAN_COLUMNS))
         found: tuple[Array, Array, NDArray[np.int64]]
         if count:
             rows[:count], event_times, event_kinds, _ = solve(
-                par, times[:count] - start, TOLERANCE
+                par, times[:count] - start, TOLERANCE, lean=True
             )
             found = rows, event_times, event_kinds
         else:
@@ -468,11 +489,11 @@ def _all_moments(
             if kind == 'clock_error':
                 moments = (moments - numbers['offset']) / (1.0 + numbers['drift'])
         wanted[name] = moments
-    flat = np.concatenate([m.ravel() for m in wanted.values()])
+    flat = np.concatenate(list(wanted.values()))
     times, inverse = np.unique(flat, return_inverse=True)
     where, begin = {}, 0
     for name, moments in wanted.items():
-        where[name] = inverse[begin : begin + moments.size].reshape(moments.shape)
+        where[name] = inverse[begin : begin + moments.size]
         begin += moments.size
     return times, where
 

@@ -1,0 +1,89 @@
+"""Noise that is not white: what is seen of it in quiet, and residuals whitened with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import signal
+
+from impactscope.discrepancy.impact_noise import Colour, colour_of, whitener
+from impactscope.physics.twin.measurement import coloured_noise
+
+Array = NDArray[np.float64]
+RATE = 5000.0
+
+
+def remembering(share: float, count: int, rng: np.random.Generator) -> Array:
+    """Noise of which each sample keeps a share of the one before; of unit variance."""
+    fresh = rng.standard_normal(count + 500) * np.sqrt(1 - share**2)
+    return np.asarray(signal.lfilter([1.0], [1.0, -share], fresh)[500:])
+
+
+def test_white_noise_is_white() -> None:
+    rng = np.random.default_rng(4)
+    seen = [colour_of([rng.standard_normal(900) for _ in range(6)], RATE) for _ in range(20)]
+    assert sum(colour is not None for colour in seen) <= 3
+
+
+def test_a_hum_is_no_noise() -> None:
+    rng = np.random.default_rng(5)
+    time = np.arange(1500) / RATE
+    quiet = [
+        rng.standard_normal(time.size) + 0.3 * np.sin(2 * np.pi * 50.0 * time + phase)
+        for phase in rng.uniform(0.0, 6.0, 5)
+    ]
+    found = colour_of(quiet, RATE)
+    assert found is None or found.white > 0.9 * found.std**2
+
+
+@pytest.mark.parametrize('share', [0.3, 0.9])
+def test_remembering_noise_is_seen_and_whitened(share: float) -> None:
+    rng = np.random.default_rng(6)
+    found = colour_of([remembering(share, 1200, rng) for _ in range(6)], RATE)
+    assert found is not None
+    assert found.std == pytest.approx(1.0, rel=0.25)
+    counts = np.concatenate([np.full(40, 20), np.full(3000, 1), np.full(30, 20)]).astype(np.int64)
+    edges = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    centres = (edges + 0.5 * (counts - 1)) / RATE
+    std = np.sqrt(found.variance_of_means(counts))
+    white = whitener(found, centres, counts, std)
+    left = []
+    for _ in range(8):
+        samples = remembering(share, int(np.sum(counts)), rng)
+        left.append(white(np.add.reduceat(samples, edges) / counts / std))
+    rows = np.stack(left)
+    assert float(np.mean(rows**2)) == pytest.approx(1.0, abs=0.12)
+    assert abs(float(np.mean(rows[:, 1:] * rows[:, :-1]))) < 0.05
+
+
+def test_slow_noise_does_not_pass_for_a_drift() -> None:
+    rng = np.random.default_rng(7)
+    found = colour_of([coloured_noise(5000, 1.0, rng)[:1000] for _ in range(6)], RATE)
+    assert found is not None
+    counts = np.ones(5000, dtype=np.int64)
+    centres = np.arange(5000) / RATE
+    std = np.sqrt(found.variance_of_means(counts))
+    white = whitener(found, centres, counts, std)
+    drift = white(centres / std)
+    power = [
+        float(drift @ white(coloured_noise(5000, 1.0, rng) / std)) ** 2 / float(drift @ drift)
+        for _ in range(30)
+    ]
+    assert float(np.mean(power)) < 2.5
+
+
+def test_variance_of_means_of_one_part_in_closed_form() -> None:
+    colour = Colour(0.0, np.array([2.0]), np.array([3.0 / RATE]), RATE)
+    rho = np.exp(-1.0 / 3.0)
+    found = colour.variance_of_means(np.array([1, 2, 3]))
+    expected = [2.0, 2.0 * (1 + rho) / 2, 2.0 * (3 + 4 * rho + 2 * rho**2) / 9]
+    assert found == pytest.approx(expected)
+
+
+def test_columns_are_whitened_as_rows_are() -> None:
+    colour = Colour(0.5, np.array([0.5]), np.array([5.0 / RATE]), RATE)
+    counts = np.ones(200, dtype=np.int64)
+    white = whitener(colour, np.arange(200) / RATE, counts, np.ones(200))
+    rows = np.random.default_rng(8).standard_normal((200, 3))
+    assert np.allclose(white(rows)[:, 1], white(rows[:, 1]))
