@@ -85,11 +85,16 @@ class Search:
         baseline = outcome.baseline
         sound: Fit | None = None  # the last fit that a window was content with
         waiting, reached, detours = list(self.windows), _FIRST, _DETOURS
-        current = fit(current.model, _up_to(current, reached), current.x)
+        followed_whole = _follows_whole(baseline)
+        if not followed_whole:
+            current = fit(current.model, _up_to(current, reached), current.x)
         while waiting:
             window = waiting.pop(0)
             self.progress(self._share(window), f'up to {window:g} s')
             current = _renewed(current, outcome)
+            if followed_whole and not outcome.accepted:
+                # a shorter window knows less: it shall not lead away from what the whole one tells
+                current = dataclasses.replace(current, x=baseline.x)
             grown, until = _grown(current, reached, window)
             if until < window and detours:
                 # look where the misfit has only begun
@@ -477,6 +482,12 @@ class Search:
     def check(self, outcome: Outcome) -> None:
         """Let the held-out recordings judge; see :func:`check_held_out`."""
         check_held_out(outcome, self.thresholds, _MOST)
+
+
+def _follows_whole(baseline: Fit) -> bool:
+    """Whether a baseline follows every blow to its end and leaves little more than noise."""
+    whole = baseline.model.layout(baseline.layout.blows).size
+    return baseline.reduced < QUIET and baseline.layout.size >= whole
 
 
 def _up_to(found: Fit, window: float) -> Layout:

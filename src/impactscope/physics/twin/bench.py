@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from dataclasses import dataclass, field
 
@@ -135,18 +136,23 @@ class BareContact:
         Integrating the free blow gives ln((1 + d)/(1 - e d)) = d (1 + e) with d = a v; the
         exponent drops out.
         """
-        e = self.restitution
-        if e > 1 - 1e-9:
-            return 0.0
+        return _loss(self.restitution, self.restitution_speed)
 
-        def excess(d: float) -> float:
-            return math.log1p(d) - math.log1p(-e * d) - d * (1 + e)
 
-        highest = (1 - 1e-14) / e
-        if excess(highest) <= 0:  # nearly plastic: e = 1/d to the last digit
-            return highest / self.restitution_speed
-        # d is about 1.5 (1 - e) for small losses; at a tenth of that the excess is negative
-        return float(brentq(excess, 0.15 * (1 - e), highest)) / self.restitution_speed
+@functools.lru_cache(maxsize=64)
+def _loss(restitution: float, speed: float) -> float:
+    e = restitution
+    if e > 1 - 1e-9:
+        return 0.0
+
+    def excess(d: float) -> float:
+        return math.log1p(d) - math.log1p(-e * d) - d * (1 + e)
+
+    highest = (1 - 1e-14) / e
+    if excess(highest) <= 0:  # nearly plastic: e = 1/d to the last digit
+        return highest / speed
+    # d is about 1.5 (1 - e) for small losses; at a tenth of that the excess is negative
+    return float(brentq(excess, 0.15 * (1 - e), highest)) / speed
 
 
 @dataclass(frozen=True, slots=True)
