@@ -48,6 +48,9 @@ GLANCE = Effort(depth=1, tried=3, beam=1)
 MOST_OF_PLATE = 150_000  # samples of all fitted recordings of a plate under a hammer
 MOSTLY_NOISE = 30.0  # reduced chi-square of a baseline beyond which it is not looked at as noise
 AT_ALL_NOISE = 300.0  # the same under other forces, where a hum or a filter may be large
+# reduced chi-square below which what was taken for noise is not: signals that the motion was
+# thought to spare were counted in
+OVERSTATED = 0.5
 NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
 REPEATS = 2  # searches with noise that is known better
@@ -190,7 +193,7 @@ def _under_hammer(
     if len(whole) != len(parts):
         return None, False
     case = plate_under_hammer(whole, model, segments, linear)
-    if case is None or reduced(case.judge, case.baseline) > MOSTLY_NOISE:
+    if case is None or not OVERSTATED < reduced(case.judge, case.baseline) < MOSTLY_NOISE:
         return None, False
     answer, _, sure = _exact(campaign, case, notes, tell)
     return answer, sure
@@ -222,7 +225,9 @@ def _shaken(
         case, seed = taken_over(case, seed)
         case = case and shaken_case(whole, model, segments, linear, held=held, found=(case, seed))
     start = None if case is None else (seed or case.baseline)
-    if case is None or start is None or reduced(case.judge, start) > AT_ALL_NOISE:
+    if case is None or start is None:
+        return None, False
+    if not OVERSTATED < reduced(case.judge, start) < AT_ALL_NOISE:
         return None, False
 
     def anew(before: Case, found: Fit) -> Case | None:
@@ -244,6 +249,8 @@ def _moved(
     campaign: Campaign, parts: Sequence[Cut], notes: Sequence[str], tell: Progress
 ) -> tuple[Answer | None, bool]:
     """The answer for a prescribed motion that noise hides alone; None if it is none."""
+    if not _sprung(campaign):
+        return None, False
     own: list[str] = []
     whole = cuts(campaign, [parts[0].channel], parts[0].drive_channel, own, MOST_OF_PLATE)
     mass = 'linear_mass_spring_damper' in campaign.baseline_names or not campaign.baseline

@@ -55,6 +55,7 @@ SLOTS: Mapping[str, tuple[int, ...]] = {
 
 _FRICTION = frozenset({'coulomb_friction', 'asymmetric_friction', 'stribeck_friction'})
 _CUBES = frozenset({'hardening_spring', 'softening_spring', 'restoring_force'})
+TURN = math.pi  # rad, beyond which a spring fitted to a hanging weight says nothing of it
 _OLSSON = 'Olsson et al., Friction models and friction compensation, Eur. J. Control 4 (1998)'
 _DUFFING = "Duffing's equation; Nayfeh and Mook, Nonlinear Oscillations (1979), ch. 4"
 
@@ -91,9 +92,20 @@ def _term(
     excludes: frozenset[str] = frozenset(),
     variant: str = '',
     fixed: Mapping[str, float] | None = None,
+    restart: Mapping[str, float] | None = None,
 ) -> Term:
     return Term(
-        name, subsystem, sentence, equation, source, test, numbers, variant, excludes, fixed
+        name,
+        subsystem,
+        sentence,
+        equation,
+        source,
+        test,
+        numbers,
+        variant,
+        excludes,
+        fixed,
+        restart=restart,
     )
 
 
@@ -283,6 +295,7 @@ def mechanical_terms(
                 'swings from several angles: the period grows with the amplitude',
                 excludes=_CUBES,
                 fixed={'restoring_force.sine': 1.0},
+                restart={'stiffness': sizes.force} if sizes.position > TURN else None,
             )
         )
     step = 0.02 * sizes.force

@@ -67,12 +67,16 @@ def _labels(terms: Iterable[Term]) -> frozenset[str]:
 
 
 def _starts(term: Term) -> list[dict[str, float]]:
-    """Values that a term is tried from: all firsts, all seconds, and mixed."""
+    """Values that a term is tried from: all firsts, all seconds, and mixed.
+
+    With the baseline's numbers as they are and, where the term says so, from others as well.
+    """
     choices = [n.starts for n in term.numbers]
     combined = itertools.islice(itertools.product(*choices), 6)
-    return [
+    own = [
         {key(term, n): v for n, v in zip(term.numbers, values, strict=True)} for values in combined
     ]
+    return own if term.restart is None else own + [{**term.restart, **v} for v in own]
 
 
 def prospects(
