@@ -54,7 +54,7 @@ def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
         for item in outcome.last[:_CONFIRMED]:
             wanted = least_gain(item.candidate.cost, outcome.looks, thresholds.false_finding)
             beside = set(outcome.final.values) <= set(item.fit.values)
-            if item.gain < 0.3 * wanted or item.p_value >= 1.0 or not beside:
+            if item.gain < 0.3 * wanted or item.refused or not beside:
                 continue
             if item.fit.layout.size != outcome.final.layout.size:
                 continue

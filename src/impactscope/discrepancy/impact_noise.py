@@ -125,7 +125,9 @@ def colour_of(stretches: Sequence[Array], sample_rate: float) -> Colour | None:
     if slow > 0:
         parts[slow:] = np.maximum(parts[slow:], parts[slow - 1])
     matter = parts > _MATTERS * float(np.sum(variances))
-    return Colour(float(variances[0]), parts[matter], lives[matter] / float(sample_rate), sample_rate)
+    return Colour(
+        float(variances[0]), parts[matter], lives[matter] / float(sample_rate), sample_rate
+    )
 
 
 def _without_mains(n: int, sample_rate: float) -> NDArray[np.bool_]:

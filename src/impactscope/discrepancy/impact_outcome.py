@@ -29,6 +29,11 @@ class Found:
     gain: float  # fall of chi-square, over the reduced chi-square that is left
     p_value: float
     criterion: float  # information criterion, less that of the model without the candidate
+    refused: bool = False  # a line that does not pay for all frequencies that were looked at
+
+    def counts(self, false_finding: float) -> bool:
+        """Whether chance would gain as much in no more than that share of campaigns."""
+        return self.p_value <= false_finding and not self.refused
 
 
 @dataclass(eq=False)
@@ -58,11 +63,8 @@ def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
     places = _places(candidate, joint)
     criterion = information(-gain, candidate.cost, joint.layout.size, places) + candidate.doubt
     chance = family_p_value(gain, candidate.cost, looks * places)
-    if places > 1 and criterion > 0.0:
-        chance = (
-            1.0  # a line of any frequency, each recording with its own phase, must pay for all
-        )
-    return Found(candidate, joint, gain, chance, criterion)
+    # a line of any frequency, each recording with its own phase, must pay for all
+    return Found(candidate, joint, gain, chance, criterion, places > 1 and criterion > 0.0)
 
 
 def _places(candidate: Candidate, joint: Fit) -> int:

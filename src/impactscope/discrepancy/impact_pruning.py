@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from impactscope.discrepancy.evidence import Thresholds, family_p_value
-from impactscope.discrepancy.impact_candidates import Candidate
+from impactscope.discrepancy.impact_candidates import Candidate, candidates
 from impactscope.discrepancy.impact_fit import fit
 from impactscope.discrepancy.impact_outcome import Found, Outcome, weigh, with_findings
+from impactscope.discrepancy.impact_workbench import Workbench
 from impactscope.errors import ImpactscopeError
+from impactscope.physics.mechanisms.registry import all_mechanisms
 
 __all__ = ['prune']
 
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
+_RIVALS = 3  # that are
+_TIED = 8.0  # of the criterion, within which one explanation does as well as another
+_STARTS = 2  # of a relative
+_PROMISING = 0.5  # of a finding's gain, from which a relative is fitted jointly
 
 
 def prune(
@@ -57,7 +63,7 @@ def _needed(
         without = with_findings(outcome, rest, layout)
         item = weigh(candidate, with_it, without, outcome.looks)
         outcome.found[candidate.label] = item
-        if item.p_value <= thresholds.false_finding:
+        if item.counts(thresholds.false_finding):
             return True
     return False
 
@@ -71,31 +77,14 @@ def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate]) -> None
         if r.criterion < mine.criterion + _CLOSE
         and r.candidate.label not in {c.label for c in rest}
     ]
-    layout = outcome.final.layout
     refitted = []
-    for rival in close[:3]:
-        model = outcome.baseline.model
-        for chosen in (*rest, rival.candidate):
-            model = chosen.extend(model)
+    for rival in close[:_RIVALS]:
         known = {**outcome.final.values, **rival.fit.values}
-        x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
-        try:
-            other = fit(model, layout, x, settled=0.1)
-        except ImpactscopeError:
-            continue
-        spread = max(1.0, min(other.reduced, outcome.final.reduced))
-        cost = (rival.candidate.cost - candidate.cost) * math.log(layout.size)
-        cost += rival.candidate.doubt - candidate.doubt
-        worse = (other.chi_square - outcome.final.chi_square) / spread
-        refitted.append(
-            Found(
-                rival.candidate,
-                other,
-                mine.gain - worse,
-                family_p_value(mine.gain - worse, rival.candidate.cost, outcome.looks),
-                mine.criterion + worse + cost,
-            )
-        )
+        item = _instead(outcome, mine, rest, rival.candidate, known)
+        if item is not None:
+            refitted.append(item)
+    near = [f for f in (mine, *refitted) if f.criterion < mine.criterion + _TIED]
+    refitted += _relatives(outcome, mine, rest, near, {f.candidate.name for f in refitted})
     refitted.sort(key=lambda f: f.criterion)
     outcome.rivals[candidate.label] = refitted
     if refitted and refitted[0].criterion < mine.criterion - 0.5:
@@ -105,3 +94,69 @@ def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate]) -> None
         outcome.final = best.fit
         outcome.found[best.candidate.label] = best
         outcome.rivals[best.candidate.label] = [mine, *refitted[1:]]
+
+
+def _instead(
+    outcome: Outcome,
+    mine: Found,
+    rest: Sequence[Candidate],
+    candidate: Candidate,
+    known: Mapping[str, float],
+) -> Found | None:
+    """Another candidate in a finding's place, fitted over the whole window from known numbers."""
+    model = outcome.baseline.model
+    for chosen in (*rest, candidate):
+        model = chosen.extend(model)
+    layout = outcome.final.layout
+    x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
+    try:
+        other = fit(model, layout, x, settled=0.1)
+    except ImpactscopeError:
+        return None
+    spread = max(1.0, min(other.reduced, outcome.final.reduced))
+    cost = (candidate.cost - mine.candidate.cost) * math.log(layout.size)
+    cost += candidate.doubt - mine.candidate.doubt
+    worse = (other.chi_square - outcome.final.chi_square) / spread
+    chance = family_p_value(mine.gain - worse, candidate.cost, outcome.looks)
+    return Found(candidate, other, mine.gain - worse, chance, mine.criterion + worse + cost)
+
+
+def _relatives(
+    outcome: Outcome,
+    mine: Found,
+    rest: Sequence[Candidate],
+    near: Sequence[Found],
+    fitted: set[str],
+) -> list[Found]:
+    """What is of one family with a finding, or with what does as well, and was not fitted yet.
+
+    A sharper law may need a start of its own, which the cheap order of candidates does not give.
+    """
+    known = all_mechanisms()
+    wanted = {
+        (kin, f.candidate.channel)
+        for f in near
+        if f.candidate.name in known
+        for kin in known[f.candidate.name].kin
+        if kin not in fitted and kin != mine.candidate.name
+    }
+    taken = {c.label for c in outcome.accepted}
+    if not wanted:
+        return []
+    without = with_findings(outcome, rest, outcome.final.layout)
+    workbench = Workbench(without)
+    found = []
+    for candidate in candidates(without, ()):
+        if (candidate.name, candidate.channel) not in wanted or candidate.label in taken:
+            continue
+        tried = workbench.best(candidate)
+        better = [workbench.refined(workbench.scaled(t)) for t in tried[:_STARTS]]
+        if not better:
+            continue
+        best = max(better, key=lambda t: t.gain)
+        if best.gain < _PROMISING * mine.gain:
+            continue
+        item = _instead(outcome, mine, rest, candidate, best.model.values(best.x))
+        if item is not None:
+            found.append(item)
+    return found

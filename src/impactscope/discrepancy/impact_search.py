@@ -177,7 +177,8 @@ class Search:
             able = []
             room = len(outcome.accepted) < _MOST
             for item in outcome.last[:_DOUBTED] if room else ():
-                if item.gain > _LEAST_GAIN and item.candidate not in outcome.accepted:
+                new = item.candidate not in outcome.accepted and not item.refused
+                if item.gain > _LEAST_GAIN and new:
                     chance = adequacy(item.fit, laws=False).p_value
                     if chance > _SOUND * self.thresholds.inadequate:
                         able.append((item.criterion, item))
@@ -214,6 +215,7 @@ class Search:
         for item in found:
             if (
                 item.criterion > reached
+                or item.refused
                 or item.fit.reduced > QUIET
                 or item.candidate.name in names
             ):
@@ -270,14 +272,15 @@ class Search:
             sound = None
             outcome.last = found
             allowed = self.thresholds.false_finding / (1 + len(_LOOKED))
-            good = [f for f in found if f.p_value <= allowed]
+            good = [f for f in found if f.counts(allowed)]
             if not good:
                 joint = self._together(current, outcome, allowed)
                 if joint is not None:
                     current = joint
                     continue
-                if found and not outcome.accepted:
-                    outcome.p_value = min(outcome.p_value, min(f.p_value for f in found))
+                if not outcome.accepted:
+                    chances = [f.p_value for f in found if not f.refused]
+                    outcome.p_value = min(outcome.p_value, *chances, 1.0)
                 break
             best = good[0]
             if best.fit.reduced > _LOST and len(good) > 1 and not outcome.accepted:
@@ -391,7 +394,7 @@ class Search:
         for item in found[:2]:
             if item.fit.reduced > 1.5:
                 continue
-            if item.p_value > self.thresholds.false_finding:
+            if not item.counts(self.thresholds.false_finding):
                 continue
             known = item.fit.values
             x = np.array([f.to_inner(known[f.key]) for f in current.model.free])
