@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.discrepancy.driven.both_ends import BothEnds, both_noises, settled_ends
 from impactscope.discrepancy.driven.case import (
     BANDS,
     Bands,
@@ -54,6 +55,7 @@ SCATTER = 6.0  # of a level from many lines of a spectrum, four standard errors
 LITTLE = 0.15  # of a residual
 MOST_OWN = 0.97  # of a residual
 LEAST = 3  # bands that tell a level
+LINE = 12.0  # times the median: a line of a signal
 PASSED = 0.9  # share of the power
 QUARTER = BANDS // 4
 
@@ -95,7 +97,7 @@ class ChainModel:
             offset, drift = values.get(f'{clock}.offset', 0.0), values.get(f'{clock}.drift', 0.0)
             seen, beyond = self._retimed(segment, np.stack([seen, beyond]), offset, drift)
         seen, beyond = gain * seen, gain * beyond
-        return passed_on(
+        made = passed_on(
             seen,
             parts,
             values,
@@ -104,6 +106,9 @@ class ChainModel:
             beyond=beyond,
             measured=segment.measured,
         )
+        if isinstance(segment.whitener, BothEnds):
+            return segment.whitener.evened(made, terms, values, segment)
+        return made
 
     def _retimed(
         self, segment: Segment, drive: Array, offset: float, drift: float
@@ -213,6 +218,9 @@ def chain_case(
         made: fit of the baseline.
         found: a fit that leaves less, from which the noise is known better.
     """
+    both = both_ends(model, segments, made)
+    if both is not None:
+        return both
     fitted = _fitted(segments)
     rate = 1.0 / segments[0].period
     inputs = [segments[i].drive[0] + segments[i].drive[1] for i in fitted]
@@ -260,6 +268,34 @@ def chain_case(
         throughout(ready),
         {segments[0].channel: sigma},
         _settled(model, ready, own) if own > 0.0 else None,
+    )
+
+
+def both_ends(model: ChainModel, segments: Sequence[Segment], made: Fit) -> Case | None:
+    """A chain whose ends each have noise that their quiet bands tell; None where they do not."""
+    fitted = _fitted(segments)
+    inputs = [segments[i].drive[0] + segments[i].drive[1] for i in fitted]
+    outputs = [segments[i].measured for i in fitted]
+    noises = both_noises(inputs, outputs)
+    if noises is None:
+        return None
+    gain = made.values.get('gain', 1.0)
+    ready = []
+    for s in segments:
+        whitener, drive = BothEnds.of(s, *noises, gain)
+        ready.append(
+            dataclasses.replace(s, noise=whitener.typical, whitener=whitener, drive=drive)
+        )
+    baseline = fit(model, (), ready, made.values, tolerance=FINE)
+    return Case(
+        model,
+        ready,
+        baseline,
+        NoiseJudge(ready),
+        channel_laws,
+        throughout(ready),
+        {segments[0].channel: math.sqrt(noises[1])},
+        settled_ends(model, ready),
     )
 
 
@@ -378,7 +414,8 @@ def _passes(
         edges = np.linspace(1, a.size, BANDS + 1).astype(int)
         quiet = [k for k in range(top, BANDS) if level[k] < (1.0 + SILENT) * floor][:QUARTER]
         for k in quiet:
-            part = slice(edges[k], edges[k + 1])
+            loud = np.abs(a[edges[k] : edges[k + 1]]) ** 2
+            part = edges[k] + np.flatnonzero(loud < LINE * np.median(loud))  # no line of a signal
             cross += float(np.real(np.vdot(a[part], b[part])))
             power += float(np.real(np.vdot(a[part], a[part])))
             other += float(np.real(np.vdot(b[part], b[part])))

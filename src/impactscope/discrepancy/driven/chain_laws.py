@@ -40,6 +40,10 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
     column, alone = partial(joined, chosen), partial(each_alone, chosen)
 
     stepped = step_of(chosen[0].measured) > COARSE * chosen[0].noise
+    # A low-pass colours what noise of the input is left: a linear law would then whiten it, and
+    # a law of small readings would go with that noise.
+    apart = any(np.any(s.drive[1]) for s in chosen if s.drive.ndim > 1)
+    coloured = apart and any(t.name == 'low_pass_filter' for t in made.terms)
     ones = [np.ones(y.size) for y in outputs]
     for name, parts in (
         ('a reading that is bent to one side', [y * y for y in outputs]),
@@ -53,7 +57,7 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
         ('a gain that changes in time', [y * t for y, t in zip(outputs, times, strict=True)]),
         ('a zero that runs off', [t**2 for t in times]),
     ):
-        if not (stepped and name in STAIRS):
+        if not ((stepped or coloured) and name in STAIRS):
             yield name, [column(parts)]
     rates = [np.gradient(y) for y in outputs]
     steep = max(float(np.max(np.abs(r))) for r in rates) or 1.0
@@ -62,7 +66,8 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
         ('a reading that is slow where it is steep', [r * np.abs(r) / steep**2 for r in rates]),
         ('a backlash', [np.sign(r) * (np.abs(r) > 0.003 * steep) for r in rates]),
     ):
-        yield name, [column(parts)]
+        if not (coloured and name in STAIRS):
+            yield name, [column(parts)]
     if len(chosen) > 1:
         yield 'a gain that differs between recordings', alone(outputs)
         yield 'an offset that differs between recordings', alone(ones)
@@ -85,9 +90,7 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
                     for c in alone([wave(2.0 * math.pi * mains * t) for t in times])
                 ],
             )
-    # A low-pass colours what noise of the input is left: a linear law would then whiten it.
-    apart = any(np.any(s.drive[1]) for s in chosen if s.drive.ndim > 1)
-    if apart and any(t.name == 'low_pass_filter' for t in made.terms):
+    if coloured:
         return
     for late in ECHOES:
         echo = [np.concatenate([np.zeros(late), y[:-late]]) for y in outputs if y.size > late]

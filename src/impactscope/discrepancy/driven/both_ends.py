@@ -1,0 +1,200 @@
+"""A chain both of whose ends have noise of their own: what that does to a residual.
+
+The quantity x is known by u = x + n_u alone, and y = C x + n_y is measured. What C u leaves has
+the variance s_y + |C|^2 s_u, so residuals are measured by the noise that their own filters leave:
+a low-pass earns nothing by smoothing the input's noise (errors in variables; Soederstroem,
+Automatica 43 (2007)). Filters act where the signal stands clear of that noise. Where there is
+none, the input tells nothing of them; where it is faint, samples count little.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from impactscope.discrepancy.driven.case import Settled
+from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.measuring import power_passed
+from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.terms import Term
+
+__all__ = ['BothEnds', 'both_noises', 'settled_ends']
+
+Array = NDArray[np.float64]
+
+WINDOW = 128  # samples
+WIDTH, DEEP = 7, 8  # lines and windows of a tile
+FEWEST = 12  # tiles
+LOWEST, QUIET = 0.05, 1.3  # quantile of the tiles' power, and how much above it is quiet
+KNOWN = 0.3  # share of the input's noise that the output knows, if it passes the chain
+SOME = 0.05  # of the output's noise: less noise of the input does not matter
+CLEAR = 100.0  # times the noise: lines with signal
+FAINT = 1.6  # times the noise: where there is some signal
+WIDE = 41  # lines that tell whether there is signal
+NEIGHBOURS = 5  # lines of a spectrum, averaged
+LINE = 300.0  # times the noise: a line of a signal
+TINY = 1e-12
+
+
+def both_noises(inputs: Sequence[Array], outputs: Sequence[Array]) -> tuple[float, float] | None:
+    """Variances of the noise of input and output, from where both are quiet in time and frequency.
+
+    What both have in common there is signal, or noise that passes the chain. None where the
+    input's noise passes, or does not matter.
+    """
+    tiles = np.concatenate([_tiles(u, y) for u, y in zip(inputs, outputs, strict=True)], axis=1)
+    if tiles.shape[1] < FEWEST:
+        return None
+    quiet = tiles[0] <= QUIET * np.quantile(tiles[0], LOWEST)
+    into, out, common = (float(np.mean(row[quiet])) for row in tiles)
+    common = max(common, 0.0)
+    if not out > common or common > KNOWN * into or into - common < SOME * (out - common):
+        return None
+    return into - common, out - common
+
+
+def _tiles(u: Array, y: Array) -> Array:
+    """Power of both and what they have in common, by tiles of time and frequency, (3, k)."""
+    count = u.size // WINDOW // DEEP * DEEP
+    if count == 0:
+        return np.zeros((3, 0))
+    shape = np.hanning(WINDOW)
+    shape = shape / math.sqrt(float(np.sum(shape**2)))
+    a, b = (
+        np.fft.rfft(shape * signal.detrend(x[: count * WINDOW].reshape(count, WINDOW)))[
+            :, 1 : 1 + WIDTH * ((WINDOW // 2 - 1) // WIDTH)
+        ]
+        for x in (u, y)
+    )
+    rows = []
+    for power in (np.abs(a) ** 2, np.abs(b) ** 2, np.real(a * np.conj(b))):
+        parts = power.reshape(count // DEEP, DEEP, -1, WIDTH)
+        rows.append(parts.mean(axis=(1, 3)).ravel())
+    return np.stack(rows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BothEnds:
+    """Noise of a chain's residual, by line of the spectrum of one recording; arrays (m,)."""
+
+    sensor: Array  # variance that stays whatever the chain does
+    passed: Array  # variance that comes from the input where filters act and pass all
+    input: Array  # variance that comes from the input in all
+    output: float  # variance of the output's own noise
+
+    @staticmethod
+    def of(segment: Segment, into: float, out: float, gain: float) -> tuple[BothEnds, Array]:
+        """The noise of a recording; its input where that is clear, the rest, the whole, (3, n)."""
+        whole = segment.drive[:2].sum(axis=0)
+        n = whole.size
+        ramp = np.linspace(whole[0], whole[-1], n)  # so that the ends meet
+        spectrum = np.fft.rfft(whole - ramp)
+        power = np.abs(spectrum) ** 2 / n
+        near = np.convolve(power, np.full(NEIGHBOURS, 1.0 / NEIGHBOURS), 'same')
+        wide = np.convolve(power, np.full(WIDE, 1.0 / WIDE), 'same')
+        # chosen by many lines, or by far: else lines would be chosen for their own noise
+        clear = (wide > CLEAR * into) | (near > LINE * into)
+        faint = (wide > FAINT * into) & ~clear
+        doubt = np.where(faint, gain**2 * wide, 0.0)
+        passed = np.where(clear, gain**2 * into, 0.0)
+        other = np.where(clear, 0.0, gain**2 * into)
+        seen = np.fft.irfft(np.where(clear, spectrum, 0.0), n) + ramp
+        noise = BothEnds(out + other + doubt, passed, passed + other, out)
+        # the quantity as both ends tell it: the input's noise alone would lower a gain
+        known = whole + into / (into + out) * (segment.measured - whole)
+        return noise, np.stack([seen, whole - seen, known if gain == 1.0 else whole])
+
+    @property
+    def typical(self) -> float:
+        """Standard deviation of a sample of the residual."""
+        return math.sqrt(float(np.mean(self.sensor + self.passed)))
+
+    def __call__(self, residual: Array) -> Array:
+        """A residual, shape (n,), in units of its noise."""
+        level = np.sqrt(self.sensor + self.passed)
+        return np.asarray(np.fft.irfft(np.fft.rfft(residual) / level, residual.size))
+
+    def _kept(
+        self, terms: Sequence[Term], values: Mapping[str, float], segment: Segment
+    ) -> Array | None:
+        """Noise that filters leave over noise without them, by line; None without filters."""
+        if all(t.name not in ('low_pass_filter', 'ac_coupling') for t in terms):
+            return None
+        rate = 1.0 / segment.period
+        frequency: Array = np.fft.rfftfreq(segment.measured.size, segment.period).astype(
+            np.float64
+        )
+        share = power_passed(terms, values, frequency, rate)
+        return np.asarray((self.sensor + share * self.passed) / (self.sensor + self.passed))
+
+    def _cut(
+        self, made: Array, terms: Sequence[Term], values: Mapping[str, float]
+    ) -> NDArray[np.bool_] | None:
+        """Which samples of a prediction are cut off."""
+        for term in terms:
+            if term.name == 'saturation':
+                limit = values[f'{term.label}.limit']
+                cut: NDArray[np.bool_] = np.abs(made) >= (1.0 - TINY) * limit
+                return cut
+        return None
+
+    def evened(
+        self, made: Array, terms: Sequence[Term], values: Mapping[str, float], segment: Segment
+    ) -> Array:
+        """A prediction whose residual has the same noise as without filters and limits."""
+        rest = segment.measured - made
+        kept = self._kept(terms, values, segment)
+        if kept is not None:
+            rest = np.fft.irfft(np.fft.rfft(rest) / np.sqrt(kept), rest.size)
+        cut = self._cut(made, terms, values)
+        if cut is not None:
+            rest = np.where(cut, rest * self.typical / math.sqrt(self.output), rest)
+        elif kept is None:
+            return made
+        return np.asarray(segment.measured - rest)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Known:
+    """Noise by line where the quantity is known from both ends."""
+
+    level: Array
+
+    def __call__(self, residual: Array) -> Array:
+        return np.asarray(np.fft.irfft(np.fft.rfft(residual) / self.level, residual.size))
+
+
+def settled_ends(model: Model, segments: Sequence[Segment]) -> Settled:
+    """How a fit looks with the quantity as both ends tell it.
+
+    Of each line of the residual the share that is the input's noise belongs to the input.
+    """
+
+    def settled(made: Fit) -> tuple[Fit, list[Segment]]:
+        better, residuals = [], []
+        gain = made.values.get('gain', 1.0)
+        for i, s in enumerate(segments):
+            ends = s.whitener
+            assert isinstance(ends, BothEnds)  # noqa: S101 - as made above
+            whole = ends.sensor + ends.passed
+            share = ends.input / (ends.input + ends.output)
+            lines = np.fft.rfft(made.residuals[i])
+            n = s.measured.size
+            drive = s.drive.copy()
+            drive[0] += np.fft.irfft(share * lines, n) / gain
+            drive[2] = drive[0] + drive[1]
+            rest = np.fft.irfft((1.0 - share) * lines, n)
+            whitener: Callable[[Array], Array] = _Known((1.0 - share) * np.sqrt(whole))
+            known = dataclasses.replace(s, drive=drive, whitener=whitener)
+            predicted = model.predict(made.values, made.terms, made.starts[i], known)
+            better.append(dataclasses.replace(known, measured=predicted + rest))
+            residuals.append(rest)
+        return dataclasses.replace(made, residuals=tuple(residuals)), better
+
+    return settled
