@@ -52,6 +52,7 @@ AT_ALL_NOISE = 300.0  # the same under other forces, where a hum or a filter may
 # thought to spare were counted in
 OVERSTATED = 0.5
 NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
+HOPELESS = 8.0  # reduced chi-square that no better knowledge of the noise brings down to it
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
 REPEATS = 2  # searches with noise that is known better
 LARGER = 0.25  # of reduced chi-square, by which what is left is more than noise
@@ -294,6 +295,8 @@ def _repeated(
     """The answer once the noise, judged ``anew`` by what was found, no longer changes."""
     answer, outcome, sure = _exact(campaign, case, notes, tell, 0.5, seed)
     for _ in range(REPEATS):
+        if reduced(case.judge, outcome.best) > HOPELESS:
+            break
         again = anew(case, outcome.best)
         if again is None or _alike(case, again):
             break
