@@ -69,14 +69,15 @@ def _labels(terms: Iterable[Term]) -> frozenset[str]:
 def _starts(term: Term) -> list[dict[str, float]]:
     """Values that a term is tried from: all firsts, all seconds, and mixed.
 
-    With the baseline's numbers as they are and, where the term says so, from others as well.
+    With the baseline's numbers as they are; a law without numbers of its own, which only changes
+    what these mean, is tried from those that it states as well.
     """
     choices = [n.starts for n in term.numbers]
     combined = itertools.islice(itertools.product(*choices), 6)
     own = [
         {key(term, n): v for n, v in zip(term.numbers, values, strict=True)} for values in combined
     ]
-    return own if term.restart is None else own + [{**term.restart, **v} for v in own]
+    return own if term.restart is None or term.numbers else [*own, dict(term.restart)]
 
 
 def prospects(
