@@ -36,6 +36,7 @@ __all__ = ['ShakenModel', 'shaken_case', 'taken_over']
 Array = NDArray[np.float64]
 
 ROUNDS = 3
+MOST = 60  # evaluations
 LONGEST = 1 << 17  # samples of a whitening filter
 MOVING = 20.0  # chi-square by which a recording begins in motion
 BETTER = 25.0  # chi-square by which another course between samples is believed
@@ -174,7 +175,9 @@ def _linear(
         model.numbers, (), model.free, model.position_scale, model.speed_scale, {}, moving
     )
     starts = made.starts if model.free else None
-    return linear, fit(linear, (), ready, made.values, starts, tolerance=FINE)
+    # beginnings are not known yet: a fit without them would bend the numbers
+    most = MOST if model.free else 1
+    return linear, fit(linear, (), ready, made.values, starts, most, FINE)
 
 
 def _gain(made: Fit, derivative: int, turn: Array) -> Array:
@@ -323,10 +326,10 @@ def _in_motion(linear: ShakenModel, ready: Sequence[Segment], base: Fit) -> Shak
         if _name(s) in moving:
             continue
         rest = innovations(s, base.residuals[i])
-        none = linear.predict(values, (), still, dataclasses.replace(s, state=(0.0, 0.0)))
+        none = linear.predict(values, (), still, s)
         columns = []
         for begin in ((linear.position_scale, 0.0), (0.0, linear.speed_scale)):
-            moved = linear.predict(values, (), still, dataclasses.replace(s, state=begin))
+            moved = linear.predict(values, (), np.array(begin), s)
             columns.append(innovations(s, moved - none))
         answer = np.stack(columns, axis=1)
         factors = np.linalg.lstsq(answer, rest, rcond=1e-9)[0]

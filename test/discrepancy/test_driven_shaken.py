@@ -1,0 +1,115 @@
+"""Masses under any force, or left alone, whose residual is noise: weak effects, and none."""
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
+from impactscope.discrepancy.driven import explain_driven
+
+RATE, SAMPLES, FINE = 400.0, 2400, 16
+MASS, DAMPING, STIFFNESS = 2.0, 8.0, 2.0 * (2.0 * np.pi * 12.0) ** 2
+FORCE_NOISE, NOISE = 0.02, 2e-5  # N, m
+
+
+def campaign(recordings, bench=None, baseline='linear_sensor', **rest):
+    """``recordings``: of channels (unit, samples); the last one is held out."""
+    files = [f'r{i}.mcap' for i in range(len(recordings))]
+    entries = [{'file': f, 'role': 'fit'} for f in files]
+    if len(entries) > 1:
+        entries[-1]['role'] = 'hold_out'
+    bench = bench or {
+        'kind': 'driven',
+        'input': 'force.shaker',
+        'outputs': ['displacement.plate'],
+    }
+    data = {'version': 1, 'bench': bench, 'baseline': [baseline], 'recordings': entries, **rest}
+    channels = {
+        f: {n: ChannelSamples(n, u, RATE, 0.0, np.asarray(v)) for n, (u, v) in made.items()}
+        for f, made in zip(files, recordings, strict=True)
+    }
+    return parse_campaign(data).with_samples(channels.__getitem__)
+
+
+def moved(
+    force, cubic=0.0, start=0.0, mass=MASS, damping=DAMPING, stiffness=STIFFNESS, *, held=False
+):
+    """Positions by the rule of Verlet with a small step, at every sixteenth of them."""
+    step = 1.0 / (RATE * FINE)
+    x, v, found = start, 0.0, []
+    after = force if held else np.append(force[1:], force[-1])
+    for k, (f, later) in enumerate(zip(force, after, strict=True)):
+        if k % FINE == 0:
+            found.append(x)
+        pull = f - damping * v - stiffness * x - cubic * x**3
+        half = v + 0.5 * step * pull / mass
+        x += step * half
+        pull = later - damping * half - stiffness * x - cubic * x**3
+        v = half + 0.5 * step * pull / mass
+    return np.array(found)
+
+
+def shaken(seed, cubic=0.0, add=lambda y, rng: y, cut=0):
+    """A plate on a shaker; with ``cut`` the recordings begin in motion."""
+    rng = np.random.default_rng(seed)
+    recordings = []
+    for size in (20.0, 35.0, 28.0):
+        spectrum = np.zeros(SAMPLES * FINE // 2 + 1, complex)
+        band = slice(int(3.0 * SAMPLES / RATE), int(40.0 * SAMPLES / RATE))
+        lines = spectrum[band].size
+        spectrum[band] = np.exp(2j * np.pi * rng.random(lines))
+        fine = np.fft.irfft(spectrum, SAMPLES * FINE)
+        fine *= size / np.std(fine) * np.clip(np.arange(fine.size) / (0.05 * fine.size), 0, 1)
+        y = add(moved(fine, cubic) + NOISE * rng.standard_normal(SAMPLES), rng)
+        u = fine[::FINE] + FORCE_NOISE * rng.standard_normal(SAMPLES)
+        recordings.append({'force.shaker': ('N', u[cut:]), 'displacement.plate': ('m', y[cut:])})
+    return campaign(recordings)
+
+
+@pytest.mark.parametrize('cut', [0, 700])
+def test_nothing_is_missing_on_a_shaker(cut):
+    answer = explain_driven(shaken(1, cut=cut))
+    assert answer.accepted == ()
+    held = answer.fit.extended.held_out_rmse['displacement.plate']
+    assert held < 1.15 * answer.fit.noise_floor['displacement.plate']
+
+
+def test_a_weak_cube_that_no_share_of_the_residual_shows():
+    cubic = 0.004 * STIFFNESS / 0.003**2
+    answer = explain_driven(shaken(2, cubic))
+    assert answer.accepted == ('hardening_spring',)
+    found = answer.ranking[0].parameters['cubic']
+    assert abs(found.value - cubic) < 4.0 * found.std
+
+
+def test_samples_that_stand_out():
+    def spiked(y, rng):
+        y[rng.integers(100, y.size - 100, 3)] += 200.0 * NOISE
+        return y
+
+    assert explain_driven(shaken(3, add=spiked)).accepted == ()
+
+
+def test_hum_of_the_output():
+    time = np.arange(SAMPLES) / RATE
+
+    def hum(y, rng):
+        return y + 0.4 * NOISE * np.sin(2 * np.pi * (50.02 * time + rng.random()))
+
+    answer = explain_driven(shaken(4, add=hum))
+    assert answer.accepted == ('mains_hum',)
+    found = answer.ranking[0].parameters['amplitude']
+    assert abs(found.value - 0.4 * NOISE) < 4.0 * found.std
+
+
+def test_a_plate_let_go():
+    rng = np.random.default_rng(5)
+    bench = {'kind': 'driven', 'input': 'none', 'outputs': ['displacement.plate']}
+    for cubic, found in ((0.0, ()), (0.02 * STIFFNESS / 0.003**2, ('hardening_spring',))):
+        parts = []
+        for start in (0.003, 0.002):
+            y = moved(np.zeros(SAMPLES * FINE), cubic, start)
+            parts.append(
+                {'displacement.plate': ('m', y[30:1500] + NOISE * rng.standard_normal(1470))}
+            )
+        assert explain_driven(campaign(parts, bench)).accepted == found
