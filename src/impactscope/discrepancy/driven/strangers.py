@@ -175,4 +175,6 @@ def verdict(
     chance = 1.0 / (1.0 + math.exp(-min(max(0.5 * ahead, -300.0), 300.0)))
     if left and not instead:
         chance = max(chance, 1.0 - beside.p_value)
+    elif not left:
+        chance = min(chance, 0.5)  # what is not believed is not the likelier one
     return Verdict(left, instead, alone if instead else beside, chance)
