@@ -9,11 +9,11 @@ import pytest
 
 from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact_adequacy import adequacy
-from impactscope.discrepancy.impact_baseline import baseline_model
-from impactscope.discrepancy.impact_data import prepare
-from impactscope.discrepancy.impact_fit import Fit
-from impactscope.discrepancy.impact_follow import fit_baseline
+from impactscope.discrepancy.impact.adequacy import adequacy
+from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.fit import Fit
+from impactscope.discrepancy.impact.follow import fit_baseline
 
 
 def fitted(campaign: Campaign) -> Fit:

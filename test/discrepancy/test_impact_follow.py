@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact_baseline import baseline_model
-from impactscope.discrepancy.impact_data import prepare
-from impactscope.discrepancy.impact_follow import (
+from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.follow import (
     fit_baseline,
     further_misfit,
     held_out_fit,

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from impactscope.discrepancy.impact_candidates import Candidate
-from impactscope.discrepancy.impact_model import Free
-from impactscope.discrepancy.impact_outcome import weigh
-from impactscope.discrepancy.impact_search import _everywhere
+from impactscope.discrepancy.impact.candidates import Candidate
+from impactscope.discrepancy.impact.model import Free
+from impactscope.discrepancy.impact.outcome import weigh
+from impactscope.discrepancy.impact.search import _everywhere
 
 TIMES = np.linspace(-0.2, 0.8, 1000)
 HUM = 3 * np.sin(2 * np.pi * 50 * TIMES)

@@ -7,15 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from impactscope.discrepancy import impact_laws
-from impactscope.discrepancy.impact_adequacy import adequacy, law_instead
-from impactscope.discrepancy.impact_baseline import baseline_model
-from impactscope.discrepancy.impact_candidates import candidates
-from impactscope.discrepancy.impact_data import prepare
-from impactscope.discrepancy.impact_fit import at_point, fit
-from impactscope.discrepancy.impact_follow import fit_baseline
-from impactscope.discrepancy.impact_laws import law_forces, law_responses
-from impactscope.discrepancy.impact_model import ActiveEffect
+from impactscope.discrepancy.impact import laws
+from impactscope.discrepancy.impact.adequacy import adequacy, law_instead
+from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.candidates import candidates
+from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.fit import at_point, fit
+from impactscope.discrepancy.impact.follow import fit_baseline
+from impactscope.discrepancy.impact.laws import law_forces, law_responses
+from impactscope.discrepancy.impact.model import ActiveEffect
 from impactscope.physics.twin.assembly import Effect
 
 
@@ -46,9 +46,7 @@ def test_forces_vanish_at_rest_and_follow_the_motion():
 
 def test_a_response_is_that_of_the_mechanism_with_the_same_law(sound, monkeypatch):
     """The cubic spring is both: an effect of the twin, and a force along the motion."""
-    monkeypatch.setattr(
-        impact_laws, 'law_forces', lambda x, v, time: iter([('cubic', '', True, x**3)])
-    )
+    monkeypatch.setattr(laws, 'law_forces', lambda x, v, time: iter([('cubic', '', True, x**3)]))
     layout = sound.model.layout(sound.layout.blows, 0.1)
     here = at_point(sound.model, layout, sound.x)
     small = 1e6

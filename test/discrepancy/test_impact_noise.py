@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
-from impactscope.discrepancy.impact_noise import Colour, colour_of, whitener
+from impactscope.discrepancy.impact.noise import Colour, colour_of, whitener
 from impactscope.physics.twin.measurement import coloured_noise
 
 Array = NDArray[np.float64]

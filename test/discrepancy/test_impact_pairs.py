@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact_candidates import Candidate, filters_like
-from impactscope.discrepancy.impact_pairs import _promising
-from impactscope.discrepancy.impact_workbench import Trial
+from impactscope.discrepancy.impact.candidates import Candidate, filters_like
+from impactscope.discrepancy.impact.pairs import _promising
+from impactscope.discrepancy.impact.workbench import Trial
 from impactscope.physics.twin.assembly import Effect
 
 

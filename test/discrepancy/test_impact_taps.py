@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact_data import prepare
+from impactscope.discrepancy.impact.data import prepare
 from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import MeasuredForce
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import BaselineItem, Campaign, CampaignKind
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.impact_explain import explain_impact
+from impactscope.discrepancy.impact import explain_impact
 from impactscope.discrepancy.single_thread import single_threaded
 
 __all__ = ['explain']

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from impactscope.discrepancy.impact_baseline import STRUCTURE, implied_shares
-from impactscope.discrepancy.impact_fit import Fit
-from impactscope.discrepancy.impact_model import ActiveEffect, Free, ImpactModel
+from impactscope.discrepancy.impact.baseline import STRUCTURE, implied_shares
+from impactscope.discrepancy.impact.fit import Fit
+from impactscope.discrepancy.impact.model import ActiveEffect, Free, ImpactModel
 from impactscope.physics.mechanisms.mechanism import Mechanism, Parameter
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 from impactscope.physics.twin import layout as at

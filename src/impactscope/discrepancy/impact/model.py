@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from impactscope.discrepancy.impact_data import BinnedChannel, BlowData, CampaignData
-from impactscope.discrepancy.impact_noise import Whitener, whitener
+from impactscope.discrepancy.impact.data import BinnedChannel, BlowData, CampaignData
+from impactscope.discrepancy.impact.noise import Whitener, whitener
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import mechanism

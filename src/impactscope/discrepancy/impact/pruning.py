@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from impactscope.discrepancy.evidence import Thresholds, family_p_value
-from impactscope.discrepancy.impact_candidates import Candidate, candidates
-from impactscope.discrepancy.impact_fit import fit
-from impactscope.discrepancy.impact_outcome import Found, Outcome, weigh, with_findings
-from impactscope.discrepancy.impact_workbench import Workbench
+from impactscope.discrepancy.impact.candidates import Candidate, candidates
+from impactscope.discrepancy.impact.fit import fit
+from impactscope.discrepancy.impact.outcome import Found, Outcome, weigh, with_findings
+from impactscope.discrepancy.impact.workbench import Workbench
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from impactscope.discrepancy.evidence import family_p_value, information
-from impactscope.discrepancy.impact_adequacy import Adequacy
-from impactscope.discrepancy.impact_candidates import Candidate
-from impactscope.discrepancy.impact_fit import Fit, fit
-from impactscope.discrepancy.impact_model import Layout
+from impactscope.discrepancy.impact.adequacy import Adequacy
+from impactscope.discrepancy.impact.candidates import Candidate
+from impactscope.discrepancy.impact.fit import Fit, fit
+from impactscope.discrepancy.impact.model import Layout
 
 __all__ = ['QUIET', 'Found', 'Outcome', 'weigh', 'with_findings']
 

@@ -17,15 +17,15 @@ from impactscope.discrepancy.answer import (
 )
 from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.evidence import Thresholds
-from impactscope.discrepancy.impact_adequacy import TESTED, Adequacy, adequacy, law_instead
-from impactscope.discrepancy.impact_baseline import baseline_model
-from impactscope.discrepancy.impact_data import CampaignData, prepare
-from impactscope.discrepancy.impact_estimates import fitted_numbers, saved_model
-from impactscope.discrepancy.impact_figures import fit_table, pictures
-from impactscope.discrepancy.impact_follow import fit_baseline, held_out_fit, prediction_misfit
-from impactscope.discrepancy.impact_outcome import Outcome
-from impactscope.discrepancy.impact_ranking import ranked, share_of_known, weaker
-from impactscope.discrepancy.impact_search import Search
+from impactscope.discrepancy.impact.adequacy import TESTED, Adequacy, adequacy, law_instead
+from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.data import CampaignData, prepare
+from impactscope.discrepancy.impact.estimates import fitted_numbers, saved_model
+from impactscope.discrepancy.impact.figures import fit_table, pictures
+from impactscope.discrepancy.impact.follow import fit_baseline, held_out_fit, prediction_misfit
+from impactscope.discrepancy.impact.outcome import Outcome
+from impactscope.discrepancy.impact.ranking import ranked, share_of_known, weaker
+from impactscope.discrepancy.impact.search import Search
 from impactscope.discrepancy.locate import locate
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from impactscope.discrepancy.impact_fit import Fit, fit, jacobian, projector
-from impactscope.discrepancy.impact_model import ImpactModel
+from impactscope.discrepancy.impact.fit import Fit, fit, jacobian, projector
+from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.twin.simulate import SimulationError
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.answer import FitFigures, FitTable, Trace
-from impactscope.discrepancy.impact_data import CampaignData
-from impactscope.discrepancy.impact_fit import Fit
-from impactscope.discrepancy.impact_outcome import Outcome
+from impactscope.discrepancy.impact.data import CampaignData
+from impactscope.discrepancy.impact.fit import Fit
+from impactscope.discrepancy.impact.outcome import Outcome
 from impactscope.discrepancy.locate import Phase, Strip, phases
 from impactscope.physics.twin import layout as at
 

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 from impactscope.discrepancy.answer import Finding, ParameterEstimate
 from impactscope.discrepancy.evidence import Thresholds, probabilities
-from impactscope.discrepancy.impact_candidates import Candidate
-from impactscope.discrepancy.impact_estimates import estimates, stated_value
-from impactscope.discrepancy.impact_fit import Fit
-from impactscope.discrepancy.impact_outcome import Found, Outcome
+from impactscope.discrepancy.impact.candidates import Candidate
+from impactscope.discrepancy.impact.estimates import estimates, stated_value
+from impactscope.discrepancy.impact.fit import Fit
+from impactscope.discrepancy.impact.outcome import Found, Outcome
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
 __all__ = ['ranked', 'share_of_known', 'weaker']

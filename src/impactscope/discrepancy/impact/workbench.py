@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.discrepancy.impact_candidates import Candidate, stronger
-from impactscope.discrepancy.impact_fit import Fit, jacobian, projector
-from impactscope.discrepancy.impact_model import ImpactModel
+from impactscope.discrepancy.impact.candidates import Candidate, stronger
+from impactscope.discrepancy.impact.fit import Fit, jacobian, projector
+from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['Trial', 'Workbench']

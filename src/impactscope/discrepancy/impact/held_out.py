@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
-from impactscope.discrepancy.impact_follow import further_misfit, held_out_fit
-from impactscope.discrepancy.impact_outcome import Outcome, with_findings
+from impactscope.discrepancy.impact.follow import further_misfit, held_out_fit
+from impactscope.discrepancy.impact.outcome import Outcome, with_findings
 
 __all__ = ['check_held_out']
 

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.discrepancy.impact_model import ImpactModel, Layout
+from impactscope.discrepancy.impact.model import ImpactModel, Layout
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 

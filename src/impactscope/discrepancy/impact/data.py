@@ -22,7 +22,7 @@ from scipy import integrate, ndimage
 
 from impactscope.discrepancy.campaign import Campaign, CampaignRecording, ChannelSamples, Role
 from impactscope.discrepancy.evidence import noise_std, quantisation_step
-from impactscope.discrepancy.impact_noise import Colour, colour_of
+from impactscope.discrepancy.impact.noise import Colour, colour_of
 from impactscope.errors import InputError
 from impactscope.physics.pendulum import Orientation
 

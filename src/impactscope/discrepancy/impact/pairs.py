@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.evidence import family_p_value, information, least_gain
-from impactscope.discrepancy.impact_candidates import Candidate, stronger
-from impactscope.discrepancy.impact_fit import Fit, fit
-from impactscope.discrepancy.impact_workbench import Trial
+from impactscope.discrepancy.impact.candidates import Candidate, stronger
+from impactscope.discrepancy.impact.fit import Fit, fit
+from impactscope.discrepancy.impact.workbench import Trial
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['Pair', 'pairs']

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.campaign import Campaign, Quantity
-from impactscope.discrepancy.impact_data import BlowData, CampaignData
-from impactscope.discrepancy.impact_model import ActiveEffect, Free, ImpactModel
+from impactscope.discrepancy.impact.data import BlowData, CampaignData
+from impactscope.discrepancy.impact.model import ActiveEffect, Free, ImpactModel
 from impactscope.errors import ConfigurationError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum

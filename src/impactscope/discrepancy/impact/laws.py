@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from impactscope.discrepancy.impact_fit import Fit
-from impactscope.discrepancy.impact_model import ImpactModel
+from impactscope.discrepancy.impact.fit import Fit
+from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import mechanism

@@ -8,7 +8,7 @@ in every channel, and in every stretch of time, by how much would chi-square fal
 model by one for each further number; with a wrong one the numbers have to differ between strong
 and weak blows, between channels, between the loaded plate and the free one.
 
-Laws that no mechanism here has, along the motion that was fitted: see `impact_laws`.
+Laws that no mechanism here has, along the motion that was fitted: see :mod:`.laws`.
 
 Colour: the power of what is left in bands of frequency, against white noise.
 
@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import integrate, stats
 
-from impactscope.discrepancy.impact_candidates import Candidate, candidates, stronger
-from impactscope.discrepancy.impact_fit import Fit, fit, projector
-from impactscope.discrepancy.impact_laws import Law, law_responses
+from impactscope.discrepancy.impact.candidates import Candidate, candidates, stronger
+from impactscope.discrepancy.impact.fit import Fit, fit, projector
+from impactscope.discrepancy.impact.laws import Law, law_responses
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['TESTED', 'Adequacy', 'adequacy', 'law_instead']

@@ -24,20 +24,20 @@ from impactscope.discrepancy.evidence import (
     information,
     least_gain,
 )
-from impactscope.discrepancy.impact_adequacy import adequacy
-from impactscope.discrepancy.impact_candidates import Candidate, candidates, filters_like
-from impactscope.discrepancy.impact_fit import Fit, at_point, fit
-from impactscope.discrepancy.impact_follow import (
+from impactscope.discrepancy.impact.adequacy import adequacy
+from impactscope.discrepancy.impact.candidates import Candidate, candidates, filters_like
+from impactscope.discrepancy.impact.fit import Fit, at_point, fit
+from impactscope.discrepancy.impact.follow import (
     fit_baseline,
     followed,
     with_repeatability,
 )
-from impactscope.discrepancy.impact_held_out import check_held_out
-from impactscope.discrepancy.impact_model import Layout
-from impactscope.discrepancy.impact_outcome import QUIET, Found, Outcome, weigh, with_findings
-from impactscope.discrepancy.impact_pairs import Pair, pairs
-from impactscope.discrepancy.impact_pruning import prune
-from impactscope.discrepancy.impact_workbench import Trial, Workbench
+from impactscope.discrepancy.impact.held_out import check_held_out
+from impactscope.discrepancy.impact.model import Layout
+from impactscope.discrepancy.impact.outcome import QUIET, Found, Outcome, weigh, with_findings
+from impactscope.discrepancy.impact.pairs import Pair, pairs
+from impactscope.discrepancy.impact.pruning import prune
+from impactscope.discrepancy.impact.workbench import Trial, Workbench
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
