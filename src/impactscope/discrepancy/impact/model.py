@@ -14,12 +14,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
-from impactscope.discrepancy.impact.data import BinnedChannel, BlowData, CampaignData
+from impactscope.discrepancy.impact.data import BlowData, CampaignData
+from impactscope.discrepancy.impact.measuring import distort, moments_of, softened
 from impactscope.discrepancy.impact.noise import Whitener, whitener
 from impactscope.discrepancy.side_by_side import side_by_side
-from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import mechanism
 from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum
 from impactscope.physics.twin import layout as at
@@ -45,7 +44,6 @@ TOLERANCE = 1e-7
 SPEED_RATIO = 'impact_speed_loss.ratio'
 _CACHE = 6  # solutions kept for each blow
 _WHITENERS = 150  # kept
-_KINK_TIME = 1.5e-5  # s around a reversal in which a sample may fall on either side of its jump
 _TELLS = 3.0  # of its noise, uncertainty of a bin up to which it is fitted
 _WHOLE = ('low_pass_filter', 'ac_coupling')  # effects that need every sample
 _WEIGHTS = ('gravity_load', 'restoring_force')
@@ -259,7 +257,7 @@ class ImpactModel:
             residual = (channel.means[mask] - prediction.means[name][mask]) / channel.std[mask]
             if name == 'acceleration.plate' and prediction.kinks.size:
                 jump = prediction.jump / channel.std[mask]
-                residual = _softened(residual, jump, channel.centres[mask], prediction.kinks)
+                residual = softened(residual, jump, channel.centres[mask], prediction.kinks)
             parts.append(self.whitened(residual, i, name, layout))
         return np.concatenate(parts) if parts else np.zeros(0)
 
@@ -293,7 +291,7 @@ class ImpactModel:
         shifted = {n: e for n, e in chain.items() if any(k == 'clock_error' for k, _ in e)}
         whole = {n: e for n, e in chain.items() if any(k in _WHOLE for k, _ in e)}
         if shifted or whole:
-            times, where = _all_moments(blow, shifted, whole)
+            times, where = moments_of(blow, shifted, whole)
         par = self.parameters(values, i)
         rows, event_times, event_kinds = self._solve(par, i, times, start, until)
         means = {}
@@ -302,7 +300,7 @@ class ImpactModel:
             clean = gain * rows[where[name], CHANNELS[name][1]]
             moments = channel.time if name in whole else channel.nodes
             for kind, numbers in chain.get(name, ()):
-                clean = _distort(kind, clean, moments, channel, numbers)
+                clean = distort(kind, clean, moments, channel, numbers)
             if name in whole:
                 means[name] = np.add.reduceat(clean, channel.edges) / channel.counts
             else:
@@ -471,78 +469,3 @@ def describe(values: Mapping[str, float], data: BlowData, i: int) -> tuple[Bench
         )
         return bench, PendulumBlow(pendulum, math.radians(of('angle')))
     return bench, RobotBlow(of('impactor_mass'), of('speed'), push_force=0.0)
-
-
-# --- measuring chain -------------------------------------------------------------------------
-
-
-def _all_moments(
-    blow: BlowData,
-    shifted: Mapping[str, list[tuple[str, dict[str, float]]]],
-    whole: Mapping[str, list[tuple[str, dict[str, float]]]],
-) -> tuple[Array, dict[str, NDArray[np.int64]]]:
-    """Moments of the simulation where some channels need other moments than their nodes."""
-    wanted = {}
-    for name, channel in blow.channels.items():
-        moments = channel.time if name in whole else channel.nodes
-        for kind, numbers in shifted.get(name, ()):
-            if kind == 'clock_error':
-                moments = (moments - numbers['offset']) / (1.0 + numbers['drift'])
-        wanted[name] = moments
-    flat = np.concatenate(list(wanted.values()))
-    times, inverse = np.unique(flat, return_inverse=True)
-    where, begin = {}, 0
-    for name, moments in wanted.items():
-        where[name] = inverse[begin : begin + moments.size]
-        begin += moments.size
-    return times, where
-
-
-def _distort(
-    kind: str, clean: Array, moments: Array, channel: BinnedChannel, numbers: Mapping[str, float]
-) -> Array:
-    if kind == 'clock_error' or kind == 'quantisation':
-        return clean
-    if kind == 'offset':
-        return clean + numbers['value']
-    if kind == 'zero_drift':
-        return clean + numbers['rate'] * moments
-    if kind == 'mains_hum':
-        angle = 2 * math.pi * numbers['frequency'] * moments
-        return clean + numbers['sine'] * np.sin(angle) + numbers['cosine'] * np.cos(angle)
-    if kind == 'saturation':
-        return np.clip(clean, -numbers['limit'], numbers['limit'])
-    if kind == 'low_pass_filter':
-        return _low_pass(clean, channel.sample_rate, numbers)
-    distort = mechanism(kind).distort
-    if distort is None:
-        raise ImpactscopeError(f'{kind} is not an effect on samples')
-    return np.asarray(distort(clean, channel.sample_rate, numbers), dtype=np.float64)
-
-
-def _low_pass(samples: Array, rate: float, numbers: Mapping[str, float]) -> Array:
-    cutoff = numbers['cutoff']
-    if cutoff >= 0.49 * rate:
-        return samples
-    sections = signal.butter(round(numbers['order']), cutoff, fs=rate, output='sos')
-    if numbers['zero_phase'] > 0.5:
-        return np.asarray(signal.sosfiltfilt(sections, samples))
-    start = signal.sosfilt_zi(sections) * samples[0]
-    return np.asarray(signal.sosfilt(sections, samples, zi=start)[0])
-
-
-def _softened(residual: Array, jump: Array, centres: Array, kinks: Array) -> Array:
-    """Residuals with a jump of the acceleration as an uncertainty right at the reversals.
-
-    ``jump`` is its size over the noise. Without this a sample that changes sides would change
-    chi-square by the square of the jump, and no fit could settle.
-    """
-    place = np.searchsorted(centres, kinks)
-    out = residual.copy()
-    for shift in (-1, 0):
-        index = np.clip(place + shift, 0, centres.size - 1)
-        near = np.abs(centres[index] - kinks) / _KINK_TIME
-        index, near = index[near < 3.0], near[near < 3.0]
-        variance = (0.7 * jump[index]) ** 2 * np.exp(-(near**2))
-        out[index] = residual[index] / np.sqrt(1.0 + variance)
-    return out
