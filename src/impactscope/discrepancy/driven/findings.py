@@ -19,6 +19,7 @@ __all__ = ['STATED', 'findings_of', 'modal_finding', 'unknown_finding', 'wrong_p
 STATED = (('stiffness', 'stiffness'), ('moving_mass', 'mass'))  # in campaigns and in fits
 APART = 0.3  # relative difference of two numbers that is to be excluded
 REFUSED = 0.5  # probability of what a criterion may like and the rule against chance refuses
+EXCESS = 0.2  # of friction at rest over that in motion, likewise
 HINT = 4.0  # chi-square a number that makes a richer rival more than a possibility
 SUSPECT = 4.0  # standard uncertainties between a stated and a fitted number
 
@@ -118,7 +119,7 @@ def _open(s: Subject, made: Fit) -> bool:
         return apart > APART * (value[ways[0]] + value[ways[1]])
     if 'stribeck_friction.excess_force' in value:
         excess, kinetic = 'stribeck_friction.excess_force', 'stribeck_friction.kinetic_force'
-        return value[excess] + 2.0 * std[excess] > value[kinetic]
+        return value[excess] + 2.0 * std[excess] > EXCESS * value[kinetic]
     return False
 
 

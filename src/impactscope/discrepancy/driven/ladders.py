@@ -162,7 +162,8 @@ def exact_terms(
                     0.3 * rate,
                 ),
                 Number('mass', 'kg', (1e5 * mass,), mass, 0.02 * mass, 1e7 * mass),
-                Number('damping_ratio', '1', (0.05,), 0.01, 0.0, 2.0),
+                # a fixture of metal or stone rings; what creeps is something else
+                Number('damping_ratio', '1', (0.05,), 0.01, 0.0, 0.3),
             ),
             excludes=FRICTION,
             amounts=('/mass',),

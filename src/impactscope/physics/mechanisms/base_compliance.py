@@ -25,7 +25,8 @@ MECHANISM = Mechanism(
     parameters=(
         Parameter('frequency', 'Hz', 1.0, 5000.0, (60.0, 150.0, 400.0)),
         Parameter('mass', 'kg', 0.1, 1e4, (5.0, 30.0)),
-        Parameter('damping_ratio', '1', 0.0, 2.0, (0.03,), default=0.03),
+        # a fixture of metal or stone rings; what creeps is something else
+        Parameter('damping_ratio', '1', 0.0, 0.3, (0.03,), default=0.03),
     ),
     source=('Zimmermann et al., IJERPH 19, 13657 (2022): less rigid fixation changes peak forces'),
     test="the base's accelerometer",
