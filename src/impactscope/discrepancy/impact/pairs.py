@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.evidence import family_p_value, information, least_gain
 from impactscope.discrepancy.impact.candidates import Candidate, stronger
 from impactscope.discrepancy.impact.fit import Fit, fit
+from impactscope.discrepancy.impact.outcome import evidence_for
 from impactscope.discrepancy.impact.workbench import Trial
 from impactscope.errors import ImpactscopeError
 
@@ -73,7 +74,7 @@ def pairs(
         joint = _fitted(current, both, factors[:2])
         if joint is None:
             continue
-        gain = (current.chi_square - joint.chi_square) / max(1.0, joint.reduced)
+        gain = evidence_for(joint, current)
         found.append(
             Pair(
                 (both[0].candidate, both[1].candidate),

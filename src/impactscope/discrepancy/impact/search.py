@@ -34,7 +34,14 @@ from impactscope.discrepancy.impact.follow import (
 )
 from impactscope.discrepancy.impact.held_out import check_held_out
 from impactscope.discrepancy.impact.model import Layout
-from impactscope.discrepancy.impact.outcome import QUIET, Found, Outcome, weigh, with_findings
+from impactscope.discrepancy.impact.outcome import (
+    QUIET,
+    Found,
+    Outcome,
+    evidence_for,
+    weigh,
+    with_findings,
+)
 from impactscope.discrepancy.impact.pairs import Pair, pairs
 from impactscope.discrepancy.impact.pruning import prune
 from impactscope.discrepancy.impact.workbench import Trial, Workbench
@@ -127,7 +134,7 @@ class Search:
         outcome.baseline = with_findings(outcome, [], final.layout)
         if not outcome.accepted:
             return
-        gain = (outcome.baseline.chi_square - final.chi_square) / max(1.0, final.reduced)
+        gain = evidence_for(final, outcome.baseline)
         cost = sum(c.cost for c in outcome.accepted)
         chance = family_p_value(gain, cost, outcome.looks)
         structural = any(not c.free for c in outcome.accepted)
