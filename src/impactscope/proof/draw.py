@@ -161,34 +161,31 @@ def alternatives(
             continue
         if other.name == 'gravity_load' and 'gravity_load' in freedom.scenario.baseline:
             continue
-        for _ in range(2):
+        for sign in (1, -1):
             aux = _set_up(rng, other, freedom.scenario, telling)
+            if 'sign' in aux:
+                aux = {**aux, 'sign': sign}
             start = math.sqrt(other.low * other.high)
             strength, _ = _search(freedom, other, aux, size, start, trials=5, close=1.5)
             turned = other.apply(freedom.scenario, strength, aux)
             for linear in (True, False):
                 mine, reached = freedom.fitted(turned, linear=linear)
-                rest = _without(left, mine, reached, signed='sign' in aux)
+                rest = _without(left, mine, reached)
                 if rest > 0.7 * size:  # nothing like it: no need to look closer
                     break
             if rest < limit and rest < 0.5 * size:
                 found[other.name] = min(rest, found.get(other.name, math.inf))
-            if not aux or set(aux) <= {'sign', 'already'}:  # nothing else to try
+            if not aux:  # nothing else to try
                 break
     return dict(sorted(found.items(), key=lambda item: item[1]))
 
 
-def _without(
-    left: Sequence[Array], mine: Sequence[Array], reached: float, *, signed: bool
-) -> float:
-    """Norm of a remainder without the best share of another of norm ``reached``.
-
-    The share is 0 to 2, for an effect of either sign -2 to 2.
-    """
+def _without(left: Sequence[Array], mine: Sequence[Array], reached: float) -> float:
+    """Norm of a remainder without the best share, 0 to 2, of another of norm ``reached``."""
     if reached == 0:
         return norm(left)
     along = sum(float(a @ b) for a, b in zip(left, mine, strict=True))
-    share = min(max(along / reached**2, -2.0 if signed else 0.0), 2.0)
+    share = min(max(along / reached**2, 0.0), 2.0)
     return math.sqrt(max(norm(left) ** 2 - 2 * share * along + (share * reached) ** 2, 0.0))
 
 

@@ -7,6 +7,7 @@ this module know a parameter by its name.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,7 +24,7 @@ from impactscope.physics.mechanisms.mechanism import Mechanism, Parameter
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 from impactscope.physics.twin import layout as at
 
-__all__ = ['Candidate', 'candidates', 'filters_like', 'stronger']
+__all__ = ['Candidate', 'candidates', 'filters_like', 'kin_of', 'stronger']
 
 Array = NDArray[np.float64]
 
@@ -37,6 +38,10 @@ _FILTERS = ((1, 0), (2, 0), (4, 0), (1, 1), (2, 1), (4, 1))  # order, zero phase
 _ALL_FILTERS = tuple((order, zero_phase) for zero_phase in (0, 1) for order in (1, 2, 3, 4))
 _ORDER_DOUBT = 2.0  # for each order of a filter: the lowest that explains as much stands
 _DELAYS = {1: 1.0, 2: 1.4142, 3: 2.0, 4: 2.6131}  # of a Butterworth filter, over 1 / (2 pi cutoff)
+_LIKE_A_NUMBER = {  # what acts as a wrong number of the baseline may
+    'damper': ('rate_dependent_damper', 'stiffening_damper'),
+    'pendulum': ('impact_speed_loss',),
+}
 _RINGING = 0.3  # s after the onset in which resonances are looked for
 _LARGEST_FREQUENCY = 1500.0  # Hz
 
@@ -70,6 +75,13 @@ class Candidate:
     def extend(self, model: ImpactModel) -> ImpactModel:
         """The model with this candidate in it."""
         return model.extended(free=self.free, effects=self.effects, constants=self.constants)
+
+
+def kin_of(candidate: Candidate) -> tuple[str, ...]:
+    """Mechanisms of the same family; of a wrong number those that act as it does."""
+    if candidate.name in all_mechanisms():
+        return mechanism(candidate.name).kin
+    return _LIKE_A_NUMBER.get(candidate.parameter.split('.', 1)[0], ())
 
 
 def stronger(candidate: Candidate, start: Mapping[str, float], factor: float) -> dict[str, float]:
@@ -431,11 +443,14 @@ def _wrong_numbers(model: ImpactModel) -> Iterator[Candidate]:
         )
     swings = any(b.recording.kind == 'pendulum' for b in model.data.blows)
     if swings and 'pendulum.contact_distance' in values:
-        yield _other_orientation(model)
+        yield from _other_orientation(model)
 
 
-def _other_orientation(model: ImpactModel) -> Candidate:
-    """The label of the bench's orientation is wrong: speed and weight change."""
+def _other_orientation(model: ImpactModel) -> Iterator[Candidate]:
+    """The label of the bench's orientation is wrong: speed and weight change.
+
+    A hanging pendulum is pulled back to where it hit, unless it is caught or led.
+    """
     other = 1.0 - model.constants['orientation']
     missing = 'restoring_force' if other > 0.5 else 'gravity_load'
     parameter = 'stiffness' if other > 0.5 else 'force'
@@ -444,7 +459,7 @@ def _other_orientation(model: ImpactModel) -> Candidate:
     if missing not in {e.name for e in model.effects}:
         effects = (ActiveEffect(missing),)
         constants[f'{missing}.{parameter}'] = math.nan
-    return Candidate(
+    whole = Candidate(
         label='wrong orientation',
         name='wrong_parameter',
         subsystem='parameter',
@@ -452,3 +467,11 @@ def _other_orientation(model: ImpactModel) -> Candidate:
         constants=constants,
         parameter='orientation',
     )
+    yield whole
+    if effects and missing == 'restoring_force':
+        yield dataclasses.replace(
+            whole,
+            label='wrong orientation, nothing pulls back',
+            effects=(),
+            constants={'orientation': other},
+        )

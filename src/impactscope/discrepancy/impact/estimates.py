@@ -59,7 +59,8 @@ def estimates(candidate: Candidate, fitted: Fit) -> dict[str, ParameterEstimate]
         if key not in values:
             continue
         unit = _channel_unit(parameter.unit, candidate.channel, fitted)
-        result[parameter.name] = ParameterEstimate(values[key], fitted.std(key), unit)
+        std = math.nan if _at_bound(fitted, key) else fitted.std(key)
+        result[parameter.name] = ParameterEstimate(values[key], std, unit)
     if candidate.name == 'mains_hum':
         tag = candidate.effects[0].tag
         blows = fitted.model.data.fitted
@@ -69,6 +70,15 @@ def estimates(candidate: Candidate, fitted: Fit) -> dict[str, ParameterEstimate]
         result['amplitude'] = ParameterEstimate(float(np.mean(size)), std, unit)
         result.pop('phase', None)
     return result
+
+
+def _at_bound(fitted: Fit, key: str) -> bool:
+    """Whether a number stands at the end of what is tried: it is known from one side only."""
+    number = next((f for f in fitted.model.free if f.key == key), None)
+    if number is None or not number.logarithmic:
+        return False
+    value = fitted.values[key]
+    return not 1.02 * number.lower < value < 0.98 * number.upper
 
 
 def stated_value(candidate: Candidate) -> float:

@@ -8,12 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from impactscope.discrepancy.evidence import Thresholds, family_p_value
-from impactscope.discrepancy.impact.candidates import Candidate, candidates
+from impactscope.discrepancy.impact.candidates import Candidate, candidates, kin_of
 from impactscope.discrepancy.impact.fit import fit
 from impactscope.discrepancy.impact.outcome import Found, Outcome, weigh, with_findings
 from impactscope.discrepancy.impact.workbench import Workbench
 from impactscope.errors import ImpactscopeError
-from impactscope.physics.mechanisms.registry import all_mechanisms
 
 __all__ = ['prune']
 
@@ -132,12 +131,10 @@ def _relatives(
 
     A sharper law may need a start of its own, which the cheap order of candidates does not give.
     """
-    known = all_mechanisms()
     wanted = {
         (kin, f.candidate.channel)
         for f in near
-        if f.candidate.name in known
-        for kin in known[f.candidate.name].kin
+        for kin in kin_of(f.candidate)
         if kin not in fitted and kin != mine.candidate.name
     }
     taken = {c.label for c in outcome.accepted}
