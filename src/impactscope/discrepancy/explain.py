@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Sequence
 
-from impactscope.discrepancy.answer import Answer
+from scipy import stats
+
+from impactscope.discrepancy.answer import Answer, Finding
 from impactscope.discrepancy.campaign import BaselineItem, Campaign, CampaignKind
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.impact import explain_impact
@@ -45,4 +48,30 @@ def explain(
         else:
             answer = explain_driven(campaign, tell)
     tell(1.0, 'done')
-    return dataclasses.replace(answer, duration_s=time.perf_counter() - started)
+    ranking = tuple(_as_far_as_known(finding, campaign) for finding in answer.ranking)
+    elapsed = time.perf_counter() - started
+    return dataclasses.replace(answer, ranking=ranking, duration_s=elapsed)
+
+
+def _as_far_as_known(finding: Finding, campaign: Campaign) -> Finding:
+    """A filter's cut-off with what its form leaves open of it.
+
+    A filter that may as well be a delay shows nothing else: its cut-off is known to be high and
+    has no interval. And nobody knows whether a filter was an analogue one or one of samples: the
+    two differ by (pi f / f_s)^2 / 3 of the cut-off, by how the bilinear transform bends time.
+    """
+    if finding.name != 'low_pass_filter' or 'cutoff' not in finding.parameters:
+        return finding
+    cutoff = finding.parameters['cutoff']
+    std = math.nan
+    rates = [
+        r.channels[finding.channel].sample_rate
+        for r in campaign.recordings
+        if finding.channel in r.channels
+    ]
+    if 'clock_error' not in finding.confused_with and rates:
+        value = float(cutoff.value)
+        bent = value * (math.pi * value / min(rates)) ** 2 / 3.0
+        std = math.hypot(cutoff.std, bent / stats.norm.ppf(0.975))
+    parameters = {**finding.parameters, 'cutoff': dataclasses.replace(cutoff, std=std)}
+    return dataclasses.replace(finding, parameters=parameters)
