@@ -50,14 +50,18 @@ def test_a_line_away_from_the_mains_pays_for_every_frequency():
     frequency = Free('mains_hum:force.frequency', 50.0, 0.02, 10.0, 1000.0)
     others = tuple(Free(f'part{i}', 0.0, 1.0, blow=i // 2) for i in range(16))
     hum = Candidate('hum', 'mains_hum', 'measurement', free=(frequency, *others))
-    before = SimpleNamespace(chi_square=30070.0)
+    layout = SimpleNamespace(size=30000)
+    before = SimpleNamespace(
+        chi_square=30070.0, layout=layout, residuals=np.full(30000, np.sqrt(30070 / 30000))
+    )
     found = {}
     for where in (60.1, 87.2):
         after = SimpleNamespace(
             reduced=1.0,
             chi_square=30000.0,
             values={frequency.key: where},
-            layout=SimpleNamespace(size=30000),
+            layout=layout,
+            residuals=np.ones(30000),
             model=model,
         )
         found[where] = weigh(hum, after, before, 40)

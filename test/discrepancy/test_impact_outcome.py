@@ -1,0 +1,45 @@
+"""What counts as evidence for a finding of the bench search."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.impact.outcome import evidence_for
+
+SIZE = 5000
+
+
+def left(residuals):
+    """A fit that leaves these residuals, with two priors behind them."""
+    return SimpleNamespace(
+        residuals=np.append(residuals, [0.0, 0.0]),
+        chi_square=float(residuals @ residuals),
+        reduced=float(residuals @ residuals) / SIZE,
+        layout=SimpleNamespace(size=SIZE),
+    )
+
+
+@pytest.fixture
+def noise():
+    return np.random.default_rng(8).normal(size=SIZE) * 0.9
+
+
+def test_evidence_that_many_samples_bear_counts_whole(noise):
+    shape = np.sin(np.linspace(0, 60, SIZE)) * 0.3
+    gain = evidence_for(left(noise), left(noise + shape))
+    assert gain == pytest.approx(left(noise + shape).chi_square - left(noise).chi_square)
+
+
+@pytest.mark.parametrize('lone', [1, 3])
+def test_a_few_samples_on_the_verge_of_a_contact_decide_nothing(noise, lone):
+    missed = noise.copy()
+    missed[700 : 700 + lone] = 9.2
+    assert left(missed).chi_square - left(noise).chi_square > 75 * lone
+    assert evidence_for(left(noise), left(missed)) <= 9.0 * lone
+
+
+def test_a_contact_that_is_missed_in_every_blow_is_evidence(noise):
+    missed = noise.copy()
+    missed[::100] += 9.2
+    assert evidence_for(left(noise), left(missed)) > 1000
