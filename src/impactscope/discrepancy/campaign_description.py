@@ -30,6 +30,7 @@ CAMPAIGN_VERSION = 1
 BLOW_KINDS = ('tap', 'pendulum', 'robot', 'drop', 'driven')
 DESCRIPTIONS = ('name', 'title', 'description', 'notes', 'date', 'model', 'serial')  # not read
 
+# Of what a campaign states, not of channels: there g is gravity and stiffness no channel.
 _UNITS = {  # unit: (of which quantity, factor to it)
     'N/m': ('N/m', 1.0),
     'kN/m': ('N/m', 1e3),

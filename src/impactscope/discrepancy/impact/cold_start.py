@@ -43,8 +43,8 @@ def cold_starts(model: ImpactModel) -> list[Array]:
         rung = []
         for x in starts:
             with contextlib.suppress(ImpactscopeError):
-                placed = place(model, x, taps)
-                rung.append(fit(model, model.layout(taps), placed, iterations=12, settled=1.0))
+                moved = place(model, x, taps)
+                rung.append(fit(model, model.layout(taps), moved, iterations=12, settled=1.0))
         if rung:
             starts = [min(rung, key=lambda f: f.chi_square).x]
     starts = _varied(model, starts, 'contact.stiffness', _CONTACT_STIFFNESSES)
@@ -88,15 +88,15 @@ def met(model: ImpactModel, starts: Sequence[Array]) -> tuple[list[Array], list[
         return list(starts), []
     soft = _blurred(model)
     layout = soft.layout(bare, SHORT[0])
-    placed = []
+    near = []
     for x in starts:
         with contextlib.suppress(ImpactscopeError):
             moved = place(soft, x, bare, SHORT[0])
             residuals = soft.residuals(moved, layout)
-            placed.append((float(residuals @ residuals), moved))
-    placed.sort(key=lambda item: item[0])
+            near.append((float(residuals @ residuals), moved))
+    near.sort(key=lambda item: item[0])
     tried = []
-    for _, x in placed[:_CONTACT_FITS]:
+    for _, x in near[:_CONTACT_FITS]:
         with contextlib.suppress(ImpactscopeError):
             tried.append(_contact_alone(soft, x, bare))
     tried.sort(key=lambda item: item[0])
@@ -220,7 +220,7 @@ def place(model: ImpactModel, x: Array, chosen: Sequence[int], window: float = 0
     """``x`` with the moment of each chosen blow where a short simulation fits best."""
     layout = model.layout(chosen, window)
     best = np.full(len(model.data.blows), math.inf)
-    placed = x.copy()
+    moved = x.copy()
     for shift in _TIME_SHIFTS:
         trial = x.copy()
         for i in layout.blows:
@@ -234,5 +234,5 @@ def place(model: ImpactModel, x: Array, chosen: Sequence[int], window: float = 0
             cost = float(residual @ residual)
             if cost < best[i]:
                 best[i] = cost
-                placed[model.index(f'time@{i}')] = trial[model.index(f'time@{i}')]
-    return placed
+                moved[model.index(f'time@{i}')] = trial[model.index(f'time@{i}')]
+    return moved
