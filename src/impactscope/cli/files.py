@@ -1,4 +1,4 @@
-"""Commands about files: simulate, info, convert, paper."""
+"""Commands about files: simulate, conceal, info, convert, paper."""
 
 import dataclasses
 import time
@@ -23,7 +23,7 @@ from impactscope.cli.options import (
 from impactscope.cli.printing import UNREADABLE
 from impactscope.errors import ConfigurationError
 
-__all__ = ['convert', 'info', 'paper', 'simulate']
+__all__ = ['conceal', 'convert', 'info', 'paper', 'simulate']
 
 
 def simulate(
@@ -52,6 +52,58 @@ def simulate(
     with Bar(f'simulating {campaign}') as advance:
         write_simulation(campaign, target, seed=seed, sample_rate=sample_rate, progress=advance)
     out.print(f'wrote [bold]{escape(str(target))}[/bold] ({target.stat().st_size / 1e6:.1f} MB)')
+
+
+def conceal(
+    effects: Annotated[
+        Optional[list[str]],
+        typer.Argument(
+            metavar='[EFFECT]...',
+            help='name:parameter=value,... or name@channel:parameter=value,...; none: nothing.',
+        ),
+    ] = None,
+    output: Annotated[Path, typer.Option('--output', '-o', help='Folder of the campaign.')] = Path(
+        'concealed'
+    ),
+    bare: Annotated[bool, typer.Option('--bare', help='Without the damper layer.')] = False,
+    seed: Annotated[int, typer.Option(help='Of noise and releases.', min=0)] = 1,
+    blows: Annotated[int, typer.Option(help='Pendulum blows, beside two taps.')] = 6,
+    sample_rate: Annotated[float, typer.Option(help='Of every channel, Hz.')] = 5000.0,
+    duration: Annotated[float, typer.Option(help='Of every recording, s.')] = 1.0,
+    list_effects: Annotated[bool, typer.Option('--list', help='List the effects.')] = False,
+) -> None:
+    """Simulate a campaign with effects that its campaign.yaml does not tell, for explain to find.
+
+    Example: impactscope conceal coulomb_friction:force=0.5 -o practice
+    """
+    from impactscope.drivers.simulated_campaign import (
+        describe_effects,
+        parse_effect,
+        write_campaign,
+    )
+
+    if list_effects:
+        table = Table('effect', 'parameters, unit (default)', 'what it is')
+        for row in describe_effects():
+            table.add_row(*map(escape, row))
+        out.print(table)
+        return
+    hidden = [parse_effect(text) for text in effects or ()]
+    with Bar('simulating the blows') as advance:
+        write_campaign(
+            output,
+            hidden,
+            layered=not bare,
+            seed=seed,
+            blows=blows,
+            sample_rate=sample_rate,
+            duration=duration,
+            progress=advance,
+        )
+    out.print(
+        f'wrote [bold]{escape(str(output))}[/bold]; next: impactscope explain '
+        f'{escape(str(output))} --report why.html'
+    )
 
 
 def info(

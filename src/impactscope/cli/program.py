@@ -11,7 +11,7 @@ from impactscope.cli.blows import analyse, demo, live, replay
 from impactscope.cli.characterise import characterise
 from impactscope.cli.console import err, out
 from impactscope.cli.explain import explain
-from impactscope.cli.files import convert, info, paper, simulate
+from impactscope.cli.files import conceal, convert, info, paper, simulate
 from impactscope.cli.printing import UNREADABLE
 from impactscope.errors import ConfigurationError, ImpactscopeError, RecordingError
 from impactscope.version import __version__
@@ -34,7 +34,7 @@ app = typer.Typer(
     rich_markup_mode='rich',
     pretty_exceptions_enable=False,
 )
-for command in (analyse, replay, live, simulate, info, convert, paper, explain):
+for command in (analyse, replay, live, simulate, info, convert, paper, conceal, explain):
     app.command()(command)
 app.add_typer(characterise, name='characterise')
 app.command()(demo)

@@ -107,18 +107,19 @@ class Mechanism:
 
         Raises ConfigurationError for an unknown, missing or out-of-range parameter.
         """
-        given = dict(given or {})
+        given = given or {}
+        known = [parameter.name for parameter in self.parameters]
+        if unknown := sorted(given.keys() - set(known)):
+            raise ConfigurationError(
+                f'{self.name}: unknown parameter {unknown[0]!r}; known are '
+                f'{", ".join(known) or "none"}'
+            )
         result = {}
         for parameter in self.parameters:
-            value = given.pop(parameter.name, parameter.default)
+            value = given.get(parameter.name, parameter.default)
             if isinstance(value, float) and math.isnan(value):
                 raise ConfigurationError(f'{self.name}: {parameter.name} is not given')
             result[parameter.name] = parameter.check(value, self.name)
-        if given:
-            known = ', '.join(p.name for p in self.parameters) or 'none'
-            raise ConfigurationError(
-                f'{self.name}: unknown parameter {sorted(given)[0]!r}; known are {known}'
-            )
         return result
 
     def absent_values(self) -> dict[str, float]:
