@@ -13,7 +13,7 @@ export PATH := $(BIN):$(PATH)
 
 .PHONY: help demo test lint bench proof proof-short proof-clean build clean check-host
 help:
-	@echo 'make demo    live graph on a real recording and on a simulated campaign; leaves reports in out/'
+	@echo 'make demo    live graph, blows judged, missing physics found; leaves reports in out/'
 	@echo 'make test    lint, types, import contracts, tests'
 	@echo 'make lint    lint, types, import contracts alone'
 	@echo 'make bench   the measured figures, printed with the machine'

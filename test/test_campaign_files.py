@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from impactscope.campaign_files import load_campaign, read_channels, save_model
+from impactscope.configuration import bags_folder
 from impactscope.discrepancy.answer import Answer, Mismatch
 from impactscope.errors import ConfigurationError, RecordingError
 from impactscope.recordings import RecordingWriter
@@ -127,3 +128,17 @@ def test_what_was_stated_wrong_is_saved_where_it_stands(folder):
     (folder / 'two.mcap').write_bytes((folder / 'one.mcap').read_bytes())
     file.write_text(yaml.safe_dump(saved), encoding='utf-8')
     assert load_campaign(folder, samples=False).sensor['stiffness'].value == 70000.0
+
+
+def test_file_of_another_name_is_a_campaign_too(folder):
+    (folder / 'campaign.yaml').rename(folder / 'monday.yaml')
+    assert load_campaign(folder / 'monday.yaml').name == 'monday'
+    with pytest.raises(ConfigurationError, match='is no text'):
+        load_campaign(folder / 'one.mcap')
+
+
+def test_shipped_campaign_names_recordings_that_are_there():
+    campaign = load_campaign(bags_folder() / 'pendulum_campaign.yaml')
+    assert campaign.name == 'pendulum_campaign'
+    assert len(campaign.recordings) == 3
+    assert all('displacement.angle' in r.channels for r in campaign.recordings)

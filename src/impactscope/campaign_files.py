@@ -24,15 +24,20 @@ CAMPAIGN_FILE = 'campaign.yaml'
 
 
 def _description(path: Path) -> tuple[Path, Any]:
+    """The file that describes a campaign, and what it says."""
     file = path / CAMPAIGN_FILE if path.is_dir() else path
     try:
         text = file.read_text(encoding='utf-8')
     except OSError as error:
         raise ConfigurationError(
-            f'campaign: {file.name!r} cannot be read: {error.strerror}'
+            f'campaign: {str(file)!r} cannot be read: {error.strerror}'
+        ) from error
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(
+            f'campaign: {str(file)!r} is no text; name a folder with {CAMPAIGN_FILE}, or that file'
         ) from error
     try:
-        return file.parent, yaml.safe_load(text)
+        return file, yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ConfigurationError(f'campaign: {file.name!r} is not YAML: {error}') from error
 
@@ -85,15 +90,16 @@ def load_campaign(path: Path | str, *, samples: bool = True) -> Campaign:
 
     Raises ConfigurationError for what is wrong in the file, RecordingError for recordings.
     """
-    folder, data = _description(Path(path))
-    campaign = parse_campaign(data, folder.resolve().name)
+    file, data = _description(Path(path))
+    folder = file.resolve().parent
+    campaign = parse_campaign(data, folder.name if file.name == CAMPAIGN_FILE else file.stem)
     if not samples:
         return campaign
 
-    def load(file: str) -> dict[str, ChannelSamples]:
-        target = (folder / file).resolve()
-        if not target.is_relative_to(folder.resolve()):
-            raise ConfigurationError(f'{campaign.name}: {file!r} lies outside of the campaign')
+    def load(name: str) -> dict[str, ChannelSamples]:
+        target = (folder / name).resolve()
+        if not target.is_relative_to(folder):
+            raise ConfigurationError(f'{campaign.name}: {name!r} lies outside of the campaign')
         return read_channels(target)
 
     return campaign.with_samples(load)

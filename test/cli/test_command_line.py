@@ -37,7 +37,10 @@ def test_help_teaches(capsys):
     for word in ('analyse', 'replay', 'live', 'simulate', 'convert', 'demo', 'Exit codes'):
         assert word in out
     assert 'not a safety function' in out
-    for command in ('analyse', 'replay', 'live', 'simulate', 'convert', 'demo', 'info'):
+    for command in (
+        *('analyse', 'replay', 'live', 'simulate', 'convert', 'demo', 'info'),
+        *('conceal', 'explain'),
+    ):
         assert run(capsys, command, '--help')[0] == 0
 
 
@@ -194,3 +197,17 @@ def test_as_a_program():
     )
     assert done.returncode == 0
     assert 'force.hammer' in done.stdout
+
+
+def test_conceal_writes_a_campaign_and_says_what_is_wrong(capsys, tmp_path):
+    folder = tmp_path / 'practice'
+    sizes = ('--blows', '2', '--sample-rate', '1000', '--duration', '0.4')
+    code, out, _ = run(capsys, 'conceal', 'zero_drift@force:rate=2', '-o', folder, *sizes)
+    assert code == 0
+    assert 'impactscope explain' in out
+    assert (folder / 'campaign.yaml').exists()
+    code, _, err = run(capsys, 'conceal', 'zero_drift:rate=2', '-o', tmp_path / 'no')
+    assert code == 2
+    assert 'zero_drift@CHANNEL' in err
+    assert not (tmp_path / 'no').exists()
+    assert 'coulomb_friction' in run(capsys, 'conceal', '--list')[1]

@@ -1,4 +1,4 @@
-"""Commands that record and judge blows: analyse, replay, live, demo."""
+"""Commands that record and judge blows: analyse, replay, live."""
 
 import dataclasses
 import math
@@ -19,9 +19,9 @@ from impactscope.cli.options import (
     Report,
     named_test_point,
 )
-from impactscope.cli.printing import conclude, print_blow, print_summary, print_test_point
+from impactscope.cli.printing import conclude, print_blow, print_test_point
 
-__all__ = ['analyse', 'demo', 'live', 'replay']
+__all__ = ['analyse', 'live', 'replay']
 
 
 def analyse(
@@ -116,21 +116,3 @@ def live(
         on_test_point=print_test_point,
     )
     raise typer.Exit(conclude(result, json_file, report, test_points=False))
-
-
-def demo(
-    output: Annotated[
-        Path, typer.Option('--output', '-o', help='Folder for what is made.')
-    ] = Path('out'),
-) -> None:
-    """Run the live graph on a real recording and on a simulated campaign; leave reports."""
-    from impactscope.live import demo_steps
-    from impactscope.report import write_report
-
-    for step in demo_steps(output):
-        out.rule(escape(step.title))
-        result = step.run(on_result=print_blow, on_test_point=print_test_point)
-        print_summary(result, test_points=False)
-        report = output / f'demo_{step.name}.html'
-        write_report(result, report)
-        out.print(f'report: [bold]{escape(str(report))}[/bold]')

@@ -15,7 +15,7 @@ from impactscope.cli.options import Json
 if TYPE_CHECKING:
     from impactscope.discrepancy.answer import Answer
 
-__all__ = ['explain']
+__all__ = ['explain', 'print_answer']
 
 
 def explain(
@@ -41,6 +41,23 @@ def explain(
 
     with Bar(f'explaining {campaign.name}') as advance:
         answer = explain_folder(campaign, advance.describe)
+    print_answer(answer)
+    if json_file is not None:
+        text = json.dumps(answer.to_json(), indent=1)
+        json_file.write_text(text + '\n', encoding='utf-8')
+        out.print(f'answer: [bold]{escape(str(json_file))}[/bold]')
+    if report is not None:
+        from impactscope.report.explain_report import write_explanation
+
+        write_explanation(answer, report)
+        out.print(f'report: [bold]{escape(str(report))}[/bold]')
+    if save_model is not None:
+        save(campaign, answer, save_model)
+        out.print(f'model: [bold]{escape(str(save_model))}[/bold]')
+
+
+def print_answer(answer: 'Answer') -> None:
+    """The short answer: what is missing, how sure, what it changes, what to measure next."""
     out.print(f'[bold]{escape(answer.summary())}[/bold]')
     for finding in answer.ranking[:5]:
         mark = 'found' if finding.name in answer.accepted else '     '
@@ -57,18 +74,6 @@ def explain(
         out.print(f'note: {escape(note)}')
     for test in answer.next_tests:
         out.print(f'measure next: {escape(test)}')
-    if json_file is not None:
-        text = json.dumps(answer.to_json(), indent=1)
-        json_file.write_text(text + '\n', encoding='utf-8')
-        out.print(f'answer: [bold]{escape(str(json_file))}[/bold]')
-    if report is not None:
-        from impactscope.report.explain_report import write_explanation
-
-        write_explanation(answer, report)
-        out.print(f'report: [bold]{escape(str(report))}[/bold]')
-    if save_model is not None:
-        save(campaign, answer, save_model)
-        out.print(f'model: [bold]{escape(str(save_model))}[/bold]')
 
 
 def _value_of(value: float | str, std: float) -> str:

@@ -7,9 +7,10 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from impactscope.cli.blows import analyse, demo, live, replay
+from impactscope.cli.blows import analyse, live, replay
 from impactscope.cli.characterise import characterise
 from impactscope.cli.console import err, out
+from impactscope.cli.demo import demo
 from impactscope.cli.explain import explain
 from impactscope.cli.files import conceal, convert, info, paper, simulate
 from impactscope.cli.printing import UNREADABLE

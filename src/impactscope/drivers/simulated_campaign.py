@@ -189,7 +189,7 @@ def write_campaign(
         planned.append((entry, struck, PendulumBlow(Pendulum(mass_distance=distance), released)))
     for n, (entry, bench, blow) in enumerate(planned):
         made = _blocks(bench, blow, effects, rng, sample_rate, duration)
-        _write(folder / entry['file'], made, seed)
+        _write(folder / str(entry['file']), made, seed)
         if progress is not None:
             progress((n + 1) / len(planned))
     description = _description([entry for entry, _, _ in planned], layered=layered)
