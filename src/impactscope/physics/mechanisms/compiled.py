@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from numba import njit
+from numba.core import cgutils
+from numba.extending import intrinsic
 
-__all__ = ['chained', 'compiled', 'law']
+__all__ = ['borrowed', 'chained', 'compiled', 'law']
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
 
@@ -43,6 +45,23 @@ def compiled(function: _Function) -> _Function:
 def law(function: _Function) -> _Function:
     """As :func:`compiled`, for a small law: its code becomes part of each caller's."""
     return _compile(function, inlined=True)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def borrowed(typing_context: Any, array: Any) -> Any:  # noqa: ARG001
+    """The same array without a share in its ownership, inside compiled code.
+
+    Compiled code counts the references to an array with atomic instructions at every call that
+    passes it on; in laws of a few operations that is most of the time. A caller has to hold the
+    array for as long as the borrowed one is in use: a function may borrow what it was given.
+    """
+
+    def generated(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ARG001
+        view = context.make_array(array)(context, builder, values[0])
+        view.meminfo = cgutils.get_null_value(view.meminfo.type)
+        return view._getvalue()
+
+    return array(array), generated
 
 
 Term = Callable[[Any, int, float, float], float]

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.physics.mechanisms.compiled import compiled
+from impactscope.physics.mechanisms.compiled import borrowed, compiled
 from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.equations import (
     UNTRACKED,
@@ -42,20 +42,10 @@ TOO_MANY_STEPS: Final = -1
 TOO_MANY_EVENTS: Final = -2
 NOT_FINITE: Final = -3
 
-_NODES = np.array([0.0, 0.2, 0.3, 0.8, 8 / 9, 1.0, 1.0])
-_STAGES = np.array([
-    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-    [1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0],
-    [3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0],
-    [44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0],
-    [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0],
-    [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0],
-    [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-])  # fmt: skip
-_ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+# nodes of the stages, and Shampine's dense output by powers of the share; the second stage, and
+# the last as the first of the next step, have no weight there
 _DENSE = np.array([
     [1.0, -8048581381 / 2820520608, 8663915743 / 2820520608, -12715105075 / 11282082432],
-    [0.0, 0.0, 0.0, 0.0],
     [0.0, 131558114200 / 32700410799, -68118460800 / 10900136933, 87487479700 / 32700410799],
     [0.0, -1754552775 / 470086768, 14199869525 / 1410260304, -10690763975 / 1880347072],
     [0.0, 127303824393 / 49829197408, -318862633887 / 49829197408, 701980252875 / 199316789632],
@@ -68,33 +58,78 @@ _SHORTEST = 1e-11  # s
 
 
 @compiled
-def _step(
-    par: Array, t: float, h: float, y: Array, contact: int, guide: int, k: Array, y_new: Array
-) -> None:
-    """One step from ``y`` (its rate in ``k[0]``) to ``y_new``; fills the stages ``k``."""
-    n = len(y)
-    for stage in range(1, 7):
-        for i in range(n):
-            y_new[i] = y[i]
-        for j in range(stage):
-            weight = h * _STAGES[stage, j]
-            for i in range(n):
-                y_new[i] += weight * k[j, i]
-        derivative(par, t + _NODES[stage] * h, y_new, contact, guide, k[stage])
+def _moving(par: Array, n: int) -> IntArray:
+    """Places in the state that change at all."""
+    places = np.empty(n, dtype=np.int64)
+    count = 0
+    for i in range(n):
+        there = True
+        if i in (at.Q, at.VQ):
+            there = par[at.SECOND_MASS] > 0.0
+        elif i in (at.B, at.VB):
+            there = par[at.BASE_MASS] > 0.0
+        elif i == at.H:
+            there = par[at.HYSTERESIS_SHARE] > 0.0
+        elif i in (at.P, at.VP):
+            there = par[at.IMPACTOR_MASS] > 0.0
+        if there:
+            places[count] = i
+            count += 1
+    return places[:count]
 
 
 @compiled
-def _error(h: float, y: Array, y_new: Array, k: Array, tolerance: float) -> float:
+def _step(
+    par: Array,
+    t: float,
+    h: float,
+    y: Array,
+    contact: int,
+    guide: int,
+    moving: IntArray,
+    k: Array,
+    y_new: Array,
+) -> None:
+    """One step from ``y`` (its rate in ``k[0]``) to ``y_new``; fills the stages ``k``.
+
+    What is not among ``moving`` stays as it is in ``y_new``.
+    """
+    for i in moving:
+        y_new[i] = y[i] + h * 0.2 * k[0, i]
+    derivative(par, t + 0.2 * h, y_new, contact, guide, k[1])
+    for i in moving:
+        y_new[i] = y[i] + h * (3 / 40 * k[0, i] + 9 / 40 * k[1, i])
+    derivative(par, t + 0.3 * h, y_new, contact, guide, k[2])
+    for i in moving:
+        y_new[i] = y[i] + h * (44 / 45 * k[0, i] - 56 / 15 * k[1, i] + 32 / 9 * k[2, i])
+    derivative(par, t + 0.8 * h, y_new, contact, guide, k[3])
+    for i in moving:
+        slope = 19372 / 6561 * k[0, i] - 25360 / 2187 * k[1, i]
+        y_new[i] = y[i] + h * (slope + 64448 / 6561 * k[2, i] - 212 / 729 * k[3, i])
+    derivative(par, t + 8 / 9 * h, y_new, contact, guide, k[4])
+    for i in moving:
+        slope = 9017 / 3168 * k[0, i] - 355 / 33 * k[1, i] + 46732 / 5247 * k[2, i]
+        y_new[i] = y[i] + h * (slope + 49 / 176 * k[3, i] - 5103 / 18656 * k[4, i])
+    derivative(par, t + h, y_new, contact, guide, k[5])
+    for i in moving:
+        slope = 35 / 384 * k[0, i] + 500 / 1113 * k[2, i] + 125 / 192 * k[3, i]
+        y_new[i] = y[i] + h * (slope - 2187 / 6784 * k[4, i] + 11 / 84 * k[5, i])
+    derivative(par, t + h, y_new, contact, guide, k[6])
+
+
+@compiled
+def _error(
+    h: float, y: Array, y_new: Array, moving: IntArray, k: Array, tolerance: float
+) -> float:
     """Largest local error over what is tolerated, of energies a hundred times as much.
 
     A contact whose loss ends it with a corner of its force is booked as exactly as it moves.
     """
     worst = 0.0
-    for i in range(len(y)):
+    for i in moving:
         fine = 0.05 if i in (at.V, at.VP, at.VQ, at.VB) else 2e-4  # m/s and m that matter
-        total = 0.0
-        for j in range(7):
-            total += _ERROR[j] * k[j, i]
+        total = 71 / 57600 * k[0, i] - 71 / 16695 * k[2, i] + 71 / 1920 * k[3, i]
+        total += 22 / 525 * k[5, i] - 17253 / 339200 * k[4, i] - 1 / 40 * k[6, i]
         scale = tolerance * (fine + max(abs(y[i]), abs(y_new[i])))
         if i in (at.LOST, at.WORK):
             scale *= 1e2
@@ -103,19 +138,21 @@ def _error(h: float, y: Array, y_new: Array, k: Array, tolerance: float) -> floa
 
 
 @compiled
-def _prepare_dense(k: Array, dense: Array) -> None:
-    for i in range(k.shape[1]):
+def _prepare_dense(moving: IntArray, k: Array, dense: Array) -> None:
+    for i in moving:
         for power in range(4):
-            total = 0.0
-            for j in range(7):
-                total += k[j, i] * _DENSE[j, power]
+            total = _DENSE[0, power] * k[0, i]
+            for j in range(1, 6):
+                total += k[j + 1, i] * _DENSE[j, power]
             dense[i, power] = total
 
 
 @compiled
-def _dense_state(y: Array, h: float, dense: Array, share: float, out: Array) -> None:
-    """State at ``share`` of the step, on the dense output."""
-    for i in range(len(y)):
+def _dense_state(
+    y: Array, h: float, moving: IntArray, dense: Array, share: float, out: Array
+) -> None:
+    """State at ``share`` of the step, on the dense output; what does not move is left alone."""
+    for i in moving:
         slope = dense[i, 2] + share * dense[i, 3]
         slope = dense[i, 0] + share * (dense[i, 1] + share * slope)
         out[i] = y[i] + h * share * slope
@@ -155,6 +192,7 @@ def _crossing(
     t: float,
     h: float,
     y: Array,
+    moving: IntArray,
     dense: Array,
     modes: tuple[int, int, int],
     which: int,
@@ -164,14 +202,14 @@ def _crossing(
     """Share of the step, up to ``last``, at which a guard crosses zero (Illinois method)."""
     contact, guide, region = modes
     low, high = 0.0, last
-    _dense_state(y, h, dense, high, work)
+    _dense_state(y, h, moving, dense, high, work)
     f_high = guard(par, work, t + high * h, contact, guide, region)[which]
     f_low = guard(par, y, t, contact, guide, region)[which]
     if f_low <= _LEAST_SPEED:
         # the mode began on its own edge: find a moment at which it is well inside
         probe = 0.5 * last
         while probe * h > _SHORTEST:
-            _dense_state(y, h, dense, probe, work)
+            _dense_state(y, h, moving, dense, probe, work)
             f_low = guard(par, work, t + probe * h, contact, guide, region)[which]
             if f_low > 0.0:
                 low = probe
@@ -184,7 +222,7 @@ def _crossing(
     share = high
     for _ in range(60):
         share = high - f_high * (high - low) / (f_high - f_low) if f_high != f_low else high
-        _dense_state(y, h, dense, share, work)
+        _dense_state(y, h, moving, dense, share, work)
         value = guard(par, work, t + share * h, contact, guide, region)[which]
         if value == 0.0 or (high - low) * h < 1e-14:
             break
@@ -276,6 +314,7 @@ def _leaving(
     h: float,
     y: Array,
     y_new: Array,
+    moving: IntArray,
     k: Array,
     modes: tuple[int, int, int],
     dense: Array,
@@ -299,10 +338,10 @@ def _leaving(
                 last = _dips(g0[0], y[at.V] - y[at.VP], g1[0], y_new[at.V] - y_new[at.VP], h)
             elif i == 0 and contact == at.CLOSED and par[at.HAS_LAYER] > 0.0:
                 moment = 1e-6 * h  # the force's rate follows from that of the state
-                for n in range(len(y)):
+                for n in moving:
                     work[n] = y[n] + moment * k[0, n]
                 before = guard(par, work, t, contact, guide, region)[0] - g0[0]
-                for n in range(len(y)):
+                for n in moving:
                     work[n] = y_new[n] + moment * k[6, n]
                 after = guard(par, work, t + h, contact, guide, region)[0] - g1[0]
                 last = _dips(g0[0], before / moment, g1[0], after / moment, h)
@@ -312,13 +351,13 @@ def _leaving(
         if last == 0.0:
             continue
         if not prepared:
-            _prepare_dense(k, dense)
+            _prepare_dense(moving, k, dense)
             prepared = True
         if last < 1.0:
-            _dense_state(y, h, dense, last, work)
+            _dense_state(y, h, moving, dense, last, work)
             if guard(par, work, t + last * h, contact, guide, region)[i] >= 0.0:
                 continue
-        found = _crossing(par, t, h, y, dense, modes, i, last, work)
+        found = _crossing(par, t, h, y, moving, dense, modes, i, last, work)
         if found < share:
             share, which = found, i
     return share, which
@@ -362,7 +401,7 @@ def _change_mode(
 
 
 @compiled
-def integrate(
+def _run(
     par: Array,
     y: Array,
     contact: int,
@@ -374,19 +413,22 @@ def integrate(
     rows: Array,
     event_times: Array,
     event_kinds: IntArray,
+    k: Array,
+    dense: Array,
+    y_new: Array,
+    work: Array,
+    moving: IntArray,
 ) -> tuple[int, int]:
-    """Integrate from time 0 and fill ``rows`` at ``times`` (rising, the first at least 0).
-
-    ``y`` is the state at time 0 and is changed; ``corners`` are rising times at which a drive
-    has a corner; ``rows`` has shape (len(times), N_COLUMNS), or N_LEAN_COLUMNS where energies do
-    not matter. Returns the number of events,
-    or TOO_MANY_STEPS, TOO_MANY_EVENTS or NOT_FINITE, and the number of steps.
-    """
-    n = len(y)
-    k = np.zeros((7, n))
-    dense = np.zeros((n, 4))
-    y_new = np.zeros(n)
-    work = np.zeros(n)
+    """As :func:`integrate`, with room for the stages, the dense output and two states."""
+    par, y, corners, times, rows = (
+        borrowed(par),
+        borrowed(y),
+        borrowed(corners),
+        borrowed(times),
+        borrowed(rows),
+    )
+    k, dense, y_new, work = borrowed(k), borrowed(dense), borrowed(y_new), borrowed(work)
+    moving = borrowed(moving)
     tracked = (
         par[at.STATIC_FORWARD] > 0.0
         or par[at.STATIC_BACKWARD] > 0.0
@@ -422,29 +464,31 @@ def integrate(
         if fresh:
             derivative(par, t, y, contact, guide, k[0])
             fresh = False
-        _step(par, t, h, y, contact, guide, k, y_new)
-        error = _error(h, y, y_new, k, tolerance)
+        _step(par, t, h, y, contact, guide, moving, k, y_new)
+        error = _error(h, y, y_new, moving, k, tolerance)
         if not error <= 1.0 and h > _SHORTEST:  # also where it is not a number
             h *= max(0.1, 0.9 * error**-0.2) if error < 1e30 else 0.1
             continue
         if not error < 1e30:
             return NOT_FINITE, n_steps
 
-        share, which = _leaving(par, t, h, y, y_new, k, (contact, guide, region), dense, work)
+        share, which = _leaving(
+            par, t, h, y, y_new, moving, k, (contact, guide, region), dense, work
+        )
         dense_ready = which >= 0
         if not dense_ready and times[next_row] <= t + 1.001 * h:
-            _prepare_dense(k, dense)
+            _prepare_dense(moving, k, dense)
             dense_ready = True
         reached = h if which < 0 else max(share * h, 0.0)
         t_reached = limit if which < 0 and to_limit else t + reached
         while next_row < len(times) and times[next_row] <= t_reached:
-            _dense_state(y, h, dense, (times[next_row] - t) / h, work)
+            _dense_state(y, h, moving, dense, (times[next_row] - t) / h, work)
             _write(par, times[next_row], work, contact, guide, rows, next_row)
             next_row += 1
 
         if which < 0:
             t = t_reached
-            for i in range(n):
+            for i in moving:
                 y[i] = y_new[i]
                 k[0, i] = k[6, i]
             h *= min(5.0, 0.9 * max(error, 1e-10) ** -0.2)
@@ -463,8 +507,8 @@ def integrate(
         if which == 1 and guide == 0:
             slips_to = _slip_direction(par, y_new, t + h, contact)
         if reached > 0.0:
-            _step(par, t, reached, y, contact, guide, k, y_new)
-            for i in range(n):
+            _step(par, t, reached, y, contact, guide, moving, k, y_new)
+            for i in moving:
                 y[i] = y_new[i]
             t = t_reached
         fresh = True
@@ -476,3 +520,45 @@ def integrate(
         event_kinds[n_events] = kind
         n_events += 1
     return n_events, n_steps
+
+
+@compiled
+def integrate(
+    par: Array,
+    y: Array,
+    contact: int,
+    corners: Array,
+    times: Array,
+    tolerance: float,
+    longest_step: float,
+    most_steps: int,
+    rows: Array,
+    event_times: Array,
+    event_kinds: IntArray,
+) -> tuple[int, int]:
+    """Integrate from time 0 and fill ``rows`` at ``times`` (rising, the first at least 0).
+
+    ``y`` is the state at time 0 and is changed; ``corners`` are rising times at which a drive
+    has a corner; ``rows`` has shape (len(times), N_COLUMNS), or N_LEAN_COLUMNS where energies do
+    not matter. Returns the number of events,
+    or TOO_MANY_STEPS, TOO_MANY_EVENTS or NOT_FINITE, and the number of steps.
+    """
+    n = len(y)
+    return _run(
+        par,
+        y,
+        contact,
+        corners,
+        times,
+        tolerance,
+        longest_step,
+        most_steps,
+        rows,
+        event_times,
+        event_kinds,
+        np.zeros((7, n)),
+        np.zeros((n, 4)),
+        y.copy(),
+        y.copy(),
+        _moving(par, n),
+    )
