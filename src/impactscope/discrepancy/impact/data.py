@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import integrate
+from scipy import integrate, ndimage
 
 from impactscope.discrepancy.campaign import Campaign, CampaignRecording, ChannelSamples, Role
 from impactscope.discrepancy.evidence import noise_std
@@ -37,6 +37,10 @@ CAUGHT = 0.09  # s after which a pendulum on the horizontal bench may have been 
 TAP_LEAD = 5e-3  # s before the onset of a tap that may show its beginning
 _SHORTEST_TAP = 4e-3  # s, counted out at least
 _PRESUMED_TAP = 0.015  # s, counted out where the end cannot be seen
+_DOUBTFUL_TAP = 0.015  # s, from which a tap's length is looked at again
+_ONE_SWING = 0.025  # s
+_TOLD_BY = 24  # samples
+_OF_NOISE = 5.0
 _LONGEST_TAP = 0.035  # s after its onset in which the end of a tap is looked for
 
 
@@ -305,7 +309,36 @@ def _tap_length(channels: Mapping[str, BinnedChannel], onset: float) -> float:
     if not acting.size:
         return _SHORTEST_TAP
     # the threshold hides a soft end, filters and converters lengthen it
-    return max(1.4 * float(acting[-1]) + 1e-3, _SHORTEST_TAP)
+    length = max(1.4 * float(acting[-1]) + 1e-3, _SHORTEST_TAP)
+    if length > _DOUBTFUL_TAP:
+        length = min(length, _left_alone(plate, since, a, v, x))
+    return length
+
+
+def _left_alone(plate: BinnedChannel, since: Array, a: Array, v: Array, x: Array) -> float:
+    """Time after the onset from which a bench with friction and a bent spring is left alone, s.
+
+    Strong friction or a bent spring break the linear rule for as long as the bench moves. Over
+    one swing a rule with both fits to within the noise, reversals apart, once the hammer has
+    gone. Infinity where it never does.
+    """
+    known = np.isfinite(plate.samples)
+    turning = ndimage.binary_dilation(np.diff(np.sign(v), append=np.sign(v[-1])) != 0, np.ones(5))
+    for begin in np.arange(_SHORTEST_TAP, _LONGEST_TAP, 1e-3).tolist():
+        chosen = known & (since > begin) & (since < begin + _ONE_SWING) & ~turning
+        t = since[chosen] - begin
+        if t.size < _TOLD_BY:
+            continue
+        own_v, own_x = v[chosen], x[chosen]
+        columns = np.stack(
+            [own_v, own_x, np.ones_like(t), t, np.sign(own_v), own_x**3, own_v * np.abs(own_v)], 1
+        )
+        columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        rule = np.linalg.lstsq(columns, a[chosen], rcond=1e-10)[0]
+        left = a[chosen] - columns @ rule
+        if float(np.max(np.abs(left))) < _OF_NOISE * plate.noise:
+            return float(1.2 * begin + 1e-3)
+    return math.inf
 
 
 def _moments(channels: Mapping[str, BinnedChannel]) -> tuple[Array, dict[str, IntArray]]:

@@ -59,8 +59,14 @@ def estimates(candidate: Candidate, fitted: Fit) -> dict[str, ParameterEstimate]
         if key not in values:
             continue
         unit = _channel_unit(parameter.unit, candidate.channel, fitted)
-        std = math.nan if _at_bound(fitted, key) else fitted.std(key)
+        std = fitted.std(key)
+        if _at_bound(fitted, key) or (std == 0.0 and _is_free(fitted, key)):
+            std = math.nan  # known from one side only, or without any influence
         result[parameter.name] = ParameterEstimate(values[key], std, unit)
+    if candidate.name == 'stribeck_friction':
+        static, kinetic = result['static_force'], result['kinetic_force']
+        if float(static.value) < float(kinetic.value):  # simulated as no peak at rest
+            result['static_force'] = ParameterEstimate(kinetic.value, math.nan, static.unit)
     if candidate.name == 'mains_hum':
         tag = candidate.effects[0].tag
         blows = fitted.model.data.fitted
@@ -70,6 +76,10 @@ def estimates(candidate: Candidate, fitted: Fit) -> dict[str, ParameterEstimate]
         result['amplitude'] = ParameterEstimate(float(np.mean(size)), std, unit)
         result.pop('phase', None)
     return result
+
+
+def _is_free(fitted: Fit, key: str) -> bool:
+    return any(f.key == key for f in fitted.model.free)
 
 
 def _at_bound(fitted: Fit, key: str) -> bool:

@@ -196,18 +196,23 @@ class ImpactModel:
 
     # --- residuals -------------------------------------------------------------------------
 
-    def layout(self, blows: Sequence[int], window: float = math.inf) -> Layout:
+    def layout(
+        self, blows: Sequence[int], window: float = math.inf, taps: float | None = None
+    ) -> Layout:
         """Bins up to ``window`` s after the onset, of the given blows.
 
         Bins that tell next to nothing, because a bench does not repeat them, stay out. Taps
         count whole in all but the shortest windows, which for them begin when the hammer
-        has gone.
+        has gone; or ``taps`` s of them, where that is given.
         """
         masks, spans, blow_spans, begin = {}, {}, {}, 0
         for i in blows:
             blow = self.data.blows[i]
             first = begin
-            length = math.inf if blow.recording.kind == 'tap' and window > 0.02 else window
+            length = window
+            if blow.recording.kind == 'tap':
+                whole = math.inf if window > 0.02 else window
+                length = whole if taps is None else taps
             for name, channel in blow.channels.items():
                 mask = channel.used & (channel.centres < blow.settled + length)
                 mask &= channel.std < _TELLS * channel.own_std

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 
@@ -9,8 +10,10 @@ import numpy as np
 
 from impactscope.discrepancy.evidence import Thresholds, family_p_value
 from impactscope.discrepancy.impact.candidates import Candidate, candidates, kin_of
-from impactscope.discrepancy.impact.fit import fit
+from impactscope.discrepancy.impact.fit import Fit, fit
+from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.discrepancy.impact.outcome import Found, Outcome, weigh, with_findings
+from impactscope.discrepancy.impact.strong import in_place_of
 from impactscope.discrepancy.impact.workbench import Workbench
 from impactscope.errors import ImpactscopeError
 
@@ -20,6 +23,7 @@ _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole
 _RIVALS = 3  # that are
 _TIED = 8.0  # of the criterion, within which one explanation does as well as another
 _STARTS = 2  # of a relative
+_LOST = 2.0  # reduced chi-square, over that of a finding, of a fit that has lost its way
 _PROMISING = 0.5  # of a finding's gain, from which a relative is fitted jointly
 
 
@@ -103,14 +107,17 @@ def _instead(
     known: Mapping[str, float],
 ) -> Found | None:
     """Another candidate in a finding's place, fitted over the whole window from known numbers."""
-    model = outcome.baseline.model
-    for chosen in (*rest, candidate):
-        model = chosen.extend(model)
+    model = _model(outcome, (*rest, candidate))
     layout = outcome.final.layout
     x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
-    try:
+    other: Fit | None = None
+    with contextlib.suppress(ImpactscopeError):
         other = fit(model, layout, x, settled=0.1)
-    except ImpactscopeError:
+    if other is None or other.reduced > _LOST * max(1.0, outcome.final.reduced):
+        nearer = in_place_of(outcome.final, _model(outcome, rest), candidate)
+        if nearer is not None and (other is None or nearer.chi_square < other.chi_square):
+            other = nearer
+    if other is None:
         return None
     spread = max(1.0, min(other.reduced, outcome.final.reduced))
     cost = (candidate.cost - mine.candidate.cost) * math.log(layout.size)
@@ -118,6 +125,13 @@ def _instead(
     worse = (other.chi_square - outcome.final.chi_square) / spread
     chance = family_p_value(mine.gain - worse, candidate.cost, outcome.looks)
     return Found(candidate, other, mine.gain - worse, chance, mine.criterion + worse + cost)
+
+
+def _model(outcome: Outcome, chosen: Sequence[Candidate]) -> ImpactModel:
+    model = outcome.baseline.model
+    for candidate in chosen:
+        model = candidate.extend(model)
+    return model
 
 
 def _relatives(
@@ -151,8 +165,8 @@ def _relatives(
         if not better:
             continue
         best = max(better, key=lambda t: t.gain)
-        if best.gain < _PROMISING * mine.gain:
-            continue
+        if best.gain < _PROMISING * mine.gain and without.reduced < _LOST:
+            continue  # tried at numbers that are bent, a trial says nothing
         item = _instead(outcome, mine, rest, candidate, best.model.values(best.x))
         if item is not None:
             found.append(item)

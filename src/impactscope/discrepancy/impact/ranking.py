@@ -11,7 +11,7 @@ from impactscope.discrepancy.evidence import Thresholds, probabilities
 from impactscope.discrepancy.impact.candidates import Candidate
 from impactscope.discrepancy.impact.estimates import estimates, stated_value
 from impactscope.discrepancy.impact.fit import Fit
-from impactscope.discrepancy.impact.outcome import Found, Outcome
+from impactscope.discrepancy.impact.outcome import QUIET, Found, Outcome
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
 __all__ = ['ranked', 'share_of_known', 'weaker']
@@ -114,7 +114,8 @@ def _kin(rival: Found, mine: Found) -> bool:
     if not one.channel or one.channel != other.channel:
         return False
     related = one.name in all_mechanisms() and other.name in mechanism(one.name).kin
-    return related and rival.gain > _AS_GOOD * mine.gain
+    near = rival.fit.reduced < QUIET * max(1.0, mine.fit.reduced)
+    return related and near and rival.gain > _AS_GOOD * mine.gain
 
 
 def _finding(

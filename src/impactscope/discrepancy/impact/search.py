@@ -44,6 +44,7 @@ from impactscope.discrepancy.impact.outcome import (
 )
 from impactscope.discrepancy.impact.pairs import Pair, pairs
 from impactscope.discrepancy.impact.pruning import prune
+from impactscope.discrepancy.impact.strong import in_place_of, race, related
 from impactscope.discrepancy.impact.workbench import Trial, Workbench
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
@@ -85,6 +86,7 @@ class Search:
     progress: Callable[[float, str], None] = _silent
     windows: Sequence[float] = WINDOWS
     tried: tuple[Array, list[Trial]] = field(default_factory=lambda: (np.zeros(0), []))
+    window: float = math.inf  # that is being looked at
 
     def run(self, baseline: Fit) -> Outcome:
         """Search from a fitted baseline on."""
@@ -112,7 +114,7 @@ class Search:
             if until < window:
                 current = fit(grown.model, _up_to(grown, window), grown.x)
             last, reached = not waiting, window
-            outcome.window = window
+            outcome.window = self.window = window
             if current.reduced > QUIET and outcome.accepted:
                 current = self._reconsider(current, outcome, sound)
             if last or current.reduced > QUIET or window in _LOOKED:
@@ -393,7 +395,30 @@ class Search:
             place = at_point(current.model, current.layout, sound.x)
         trials = self.order(place, listed)
         found = self.judge(current, trials, len(listed), most or _JOINT)
+        if current.reduced > _LOST and not most:
+            found = self._strong(current, found, len(listed))
         return self._settle(current, found, len(listed)), len(listed)
+
+    def _strong(self, current: Fit, found: list[Found], looks: int) -> list[Found]:
+        """Candidates fitted from better places where much is missing; the best first."""
+        fits = [(f.candidate, f.fit) for f in found]
+        if not found or found[0].fit.reduced > QUIET:
+            fits += race(current, self.baseline_names, self.window)
+        if not fits:
+            return found
+        fits.sort(key=lambda item: item[1].chi_square)
+        candidate, leader = fits[0]
+        for other in related(candidate, candidates(current, self.baseline_names)):
+            instead = in_place_of(leader, current.model, other)
+            if instead is not None:
+                fits.append((other, instead))
+        best: dict[str, Found] = {}
+        for candidate, joint in fits:
+            item = weigh(candidate, joint, current, looks)
+            known = best.get(candidate.label)
+            if known is None or item.criterion < known.criterion:
+                best[candidate.label] = item
+        return sorted(best.values(), key=lambda f: f.criterion)
 
     def _settle(self, current: Fit, found: list[Found], looks: int) -> list[Found]:
         """Weigh again where a candidate only showed the way to a better fit without it."""

@@ -1,0 +1,186 @@
+"""Strong effects: fits that do not set out from a model that was bent to do without them.
+
+Where much is missing, the numbers of a fitted model have gone far to make up for it, and from
+there the right law with the right strength looks as bad as any other. Two places are better to
+set out from: the first milliseconds, in which little has been bent yet, and the numbers that
+another explanation has found.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.impact.candidates import Candidate, candidates, kin_of
+from impactscope.discrepancy.impact.fit import Fit, at_point, fit
+from impactscope.discrepancy.impact.model import ImpactModel, Layout
+from impactscope.discrepancy.impact.outcome import QUIET
+from impactscope.discrepancy.impact.workbench import Workbench
+from impactscope.errors import ImpactscopeError
+from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
+
+__all__ = ['in_place_of', 'race', 'related']
+
+Array = NDArray[np.float64]
+
+_RUNGS = (0.012, 0.02, 0.035, 0.06, 0.12, 0.25, 0.5)  # s, of taps and blows alike
+_RUNNERS = (8, 6, 5, 4, 3, 3, 3)  # candidates that are fitted up to each rung
+_BEHIND = 6.0  # times the least chi-square, at which a candidate leaves the race
+_LOST = 1e3  # reduced chi-square of a fit that follows nothing
+_SAME_UNIT = 12  # starts from numbers of the same unit
+_REFINED = 2  # starts of a candidate that are refined
+
+
+def _rung(model: ImpactModel, blows: Sequence[int], length: float, window: float) -> Layout:
+    return model.layout(blows, min(length, window), taps=length)
+
+
+def race(
+    current: Fit, baseline_names: Sequence[str], window: float
+) -> list[tuple[Candidate, Fit]]:
+    """Candidates that were fitted from the first milliseconds on and came through; best first.
+
+    The recordings are read as far as the model without them follows. Where it stops, candidates
+    are tried at the numbers that it has up to there; the best are fitted, and followed over
+    lengths that grow. Who falls behind leaves.
+
+    Args:
+        current: the model without them, fitted up to ``window`` s after the onset.
+        baseline_names: mechanisms that the baseline has.
+        window: s.
+    """
+    model, blows = current.model, current.layout.blows
+    x = current.x
+    first, near = 0, current
+    for first, length in enumerate(_RUNGS):
+        part = _rung(model, blows, length, window)
+        with contextlib.suppress(ImpactscopeError):
+            near = fit(model, part, x, iterations=12, settled=0.5)
+            if first == 0:
+                anew = fit(model, part, model.start(), iterations=12, settled=0.5)
+                near = min(near, anew, key=lambda f: f.chi_square)
+        if near.layout.size != part.size:
+            return []
+        if near.reduced > QUIET:
+            near = at_point(model, part, x) if first else near
+            break
+        x = near.x
+    else:
+        return []
+    runners = _ready(near, baseline_names)
+    for length, most in zip(_RUNGS[first:], _RUNNERS[first:], strict=True):
+        part = _rung(model, blows, length, window)
+        runners = _further(runners, part, most)
+    return _further(runners, current.layout, len(runners), settled=0.1)
+
+
+def _ready(near: Fit, baseline_names: Sequence[str]) -> list[tuple[Candidate, Fit]]:
+    """Candidates at the start, the most promising of each kind first."""
+    workbench = Workbench(near)
+    found = []
+    for candidate in candidates(near, baseline_names):
+        trials = workbench.best(candidate)
+        better = [workbench.refined(workbench.scaled(t)) for t in trials[:_REFINED]]
+        if better:
+            found.append(max(better, key=lambda t: t.gain))
+    found.sort(key=lambda t: -t.gain)
+    seen: set[str] = set()
+    ready = []
+    for trial in found:
+        kind = f'{trial.candidate.name}:{trial.candidate.channel}:{trial.candidate.parameter}'
+        if kind in seen:
+            continue
+        seen.add(kind)
+        start = dataclasses.replace(near, model=trial.model, x=trial.x)
+        ready.append((trial.candidate, start))
+        if len(ready) == _RUNNERS[0]:
+            break
+    return ready
+
+
+def _further(
+    runners: Sequence[tuple[Candidate, Fit]], layout: Layout, most: int, settled: float = 1.0
+) -> list[tuple[Candidate, Fit]]:
+    """The runners fitted over a further length, those that keep up, the best first."""
+    arrived = []
+    for candidate, so_far in runners:
+        with contextlib.suppress(ImpactscopeError):
+            found = fit(so_far.model, layout, so_far.x, iterations=12, settled=settled)
+            if found.reduced < _LOST:
+                arrived.append((candidate, found))
+    arrived.sort(key=lambda item: item[1].chi_square)
+    if not arrived:
+        return []
+    least = arrived[0][1].chi_square
+    return [r for r in arrived[:most] if r[1].chi_square < _BEHIND * max(least, layout.size)]
+
+
+def related(leader: Candidate, listed: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates of the same family as the leading one."""
+    kin = kin_of(leader)
+    return [c for c in listed if c.name in kin and c.channel == leader.channel]
+
+
+def in_place_of(leader: Fit, without: ImpactModel, candidate: Candidate) -> Fit | None:
+    """A candidate fitted from the numbers that another explanation has found.
+
+    Args:
+        leader: a fit with the other explanation.
+        without: the model with neither.
+        candidate: what is to stand in the other one's place.
+
+    All that both models have begins where the leader has it. The candidate's own numbers are
+    those of the leader with the same unit where there are any, and otherwise those that the cheap
+    trial at this place gives. None where nothing can be simulated.
+    """
+    known = leader.values
+    x = np.array([f.to_inner(known.get(f.key, f.start)) for f in without.free])
+    with contextlib.suppress(ImpactscopeError):
+        place = at_point(without, leader.layout, x)
+        workbench = Workbench(place)
+        tried = workbench.best(candidate)
+        starts = [workbench.refined(workbench.scaled(t)).x for t in tried[:_REFINED]]
+        model = candidate.extend(without)
+        starts += [workbench.vector(model, s) for s in _of_same_unit(known, leader, candidate)]
+        best: tuple[float, Array] | None = None
+        for start in starts:
+            with contextlib.suppress(ImpactscopeError):
+                residuals = model.residuals(start, leader.layout)
+                cost = float(residuals @ residuals)
+                if math.isfinite(cost) and (best is None or cost < best[0]):
+                    best = cost, start
+        if best is not None:
+            return fit(model, leader.layout, best[1], settled=0.1)
+    return None
+
+
+def _of_same_unit(
+    known: Mapping[str, float], leader: Fit, candidate: Candidate
+) -> list[dict[str, float]]:
+    """Numbers of a candidate taken from those of mechanisms that the leader has."""
+    if candidate.name not in all_mechanisms() or len(candidate.free) > 4 or candidate.channel:
+        return []
+    there: dict[str, list[float]] = {}
+    for effect in leader.model.effects:
+        for parameter in mechanism(effect.name).parameters:
+            value = known.get(f'{effect.tag}.{parameter.name}')
+            if value is not None and math.isfinite(value):
+                there.setdefault(parameter.unit, []).append(value)
+    units = {f'{candidate.name}.{p.name}': p.unit for p in mechanism(candidate.name).parameters}
+    defaults = dict(candidate.starts[0])
+    lists = [
+        there.get(units.get(f.key, ''), []) or [defaults.get(f.key, f.start)]
+        for f in candidate.free
+    ]
+    if not any(units.get(f.key, '') in there for f in candidate.free):
+        return []
+    combinations = itertools.islice(itertools.product(*lists), _SAME_UNIT)
+    return [
+        {f.key: v for f, v in zip(candidate.free, values, strict=True)} for values in combinations
+    ]

@@ -1,0 +1,78 @@
+"""Strong effects: nothing of a bent baseline may lead to a wrong law, or to none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.candidates import candidates, kin_of
+from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.fit import fit
+from impactscope.discrepancy.impact.follow import fit_baseline
+from impactscope.discrepancy.impact.strong import in_place_of, race, related
+from impactscope.physics.twin.assembly import Effect
+
+WINDOW = 0.04  # s
+
+
+@pytest.mark.parametrize('force', [0.05, 2.0, 8.0])
+def test_friction_does_not_pass_for_a_hammer_that_stays(make_campaign, force):
+    made = make_campaign(61, [Effect('coulomb_friction', {'force': force})])
+    taps = [b for b in prepare(made).blows if b.recording.kind == 'tap']
+    assert taps
+    for blow in taps:
+        assert 0.003 < blow.settled - blow.onset < 0.012
+
+
+@pytest.fixture
+def without_friction(make_campaign):
+    """A baseline fitted to blows with much friction, up to ``WINDOW``."""
+    made = make_campaign(62, [Effect('coulomb_friction', {'force': 4.0})])
+    baseline = fit_baseline(baseline_model(made, prepare(made)))
+    layout = baseline.model.layout(baseline.layout.blows, WINDOW)
+    return made, fit(baseline.model, layout, baseline.x)
+
+
+def test_a_race_from_the_first_milliseconds_finds_the_strength(without_friction):
+    made, current = without_friction
+    assert current.reduced > 5.0
+    runners = race(current, made.baseline_names, WINDOW)
+    fits = {candidate.name: joint for candidate, joint in runners}
+    found = fits['coulomb_friction']
+    assert found.reduced < 1.2
+    assert found.values['coulomb_friction.force'] == pytest.approx(4.0, rel=0.01)
+    chi_squares = [joint.chi_square for _, joint in runners]
+    assert chi_squares == sorted(chi_squares)
+
+
+def test_a_law_sets_out_from_what_a_relative_has_found(without_friction):
+    made, current = without_friction
+    listed = {c.name: c for c in candidates(current, made.baseline_names)}
+    richer, simple = listed['stribeck_friction'], listed['coulomb_friction']
+    model = richer.extend(current.model)
+    numbers = {
+        'stribeck_friction.static_force': 4.0,
+        'stribeck_friction.kinetic_force': 4.0,
+        'stribeck_friction.speed': 1e-4,
+    }
+    start = np.array(
+        [f.to_inner(numbers.get(f.key, current.values.get(f.key, f.start))) for f in model.free]
+    )
+    leader = fit(model, current.layout, start, iterations=40)
+    instead = in_place_of(leader, current.model, simple)
+    assert instead is not None
+    assert instead.chi_square < 1.02 * leader.chi_square
+    assert instead.values['coulomb_friction.force'] == pytest.approx(4.0, rel=0.01)
+    family = related(simple, list(listed.values()))
+    assert {c.name for c in family} == set(kin_of(simple))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('force', [1.5, 8.0])
+def test_much_friction_is_friction_and_nothing_richer(make_campaign, force):
+    answer = explain(make_campaign(63, [Effect('coulomb_friction', {'force': force})]))
+    assert answer.accepted == ('coulomb_friction',)
+    found = answer.ranking[0].parameters['force']
+    assert abs(found.value - force) < 4.0 * found.std + 1e-3 * force
