@@ -124,6 +124,18 @@ def test_what_is_absent_is_noted_where_something_can_still_be_told():
         assert words in notes
 
 
+def test_layer_of_which_nothing_is_stated_is_estimated():
+    data = changed(('baseline',), ['linear_sensor', 'zener_damper'])
+    del data['damper']
+    campaign = parse_campaign(data, 'bench')
+    assert not campaign.damper['parallel_stiffness'].known
+    assert not campaign.damper['branches'][0]['damping'].known
+    assert any('No damper layer is described' in note for note in campaign.notes)
+    bare = copy.deepcopy(IMPACT)
+    bare['damper'] = None
+    assert parse_campaign(bare, 'bench').damper is None
+
+
 def test_samples_are_put_in_by_file():
     def load(file):
         values = np.zeros(10)

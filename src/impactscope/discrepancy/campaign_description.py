@@ -27,6 +27,8 @@ from impactscope.physics.pendulum import Orientation
 __all__ = ['parse_campaign', 'unit_factor']
 
 CAMPAIGN_VERSION = 1
+# A layer of which nothing is stated: one branch beside a spring, both to be estimated.
+UNKNOWN_LAYER = {'parallel_stiffness': None, 'branches': [{'stiffness': None, 'damping': None}]}
 BLOW_KINDS = ('tap', 'pendulum', 'robot', 'drop', 'driven')
 DESCRIPTIONS = ('name', 'title', 'description', 'notes', 'date', 'model', 'serial')  # not read
 
@@ -105,6 +107,11 @@ def parse_campaign(data: Any, name: str = 'campaign') -> Campaign:
     baseline = _baseline(top.take('baseline', []), name)
     recordings = _recordings(top.take('recordings', None), kind, name, notes)
     if kind is CampaignKind.IMPACT:
+        if damper is None and any(item.name == 'zener_damper' for item in baseline):
+            damper = _damper(UNKNOWN_LAYER, name)
+            notes.append(
+                'No damper layer is described: its stiffnesses and its damping are estimated.'
+            )
         _note_what_is_missing(recordings, pendulum, damper, notes)
     gain_std = dict(DEFAULT_GAIN_STD)
     gain_std.update(_floats(top.mapping('gain_std', optional=True)))

@@ -304,8 +304,9 @@ def _turned(blow: Blow, name: str, value: float, scenario: Scenario) -> Blow:
         pulses = tuple(p._replace(peak=p.peak * (1 + value)) for p in blow.pulses)
         return replace(blow, pulses=pulses)
     if name == 'angle':
-        least = 0.1 * blow.angle_deg - (blow.angle_deg + blow.angle_error_deg)
-        turned = replace(blow, angle_error_deg=blow.angle_error_deg + max(value, least))
+        released = blow.angle_deg + blow.angle_error_deg
+        reached = float(np.clip(released + value, 0.1 * blow.angle_deg, 3 * blow.angle_deg))
+        turned = replace(blow, angle_error_deg=reached - blow.angle_deg)
         fields = impactor(scenario.pendulum, turned, scenario.orientation, turned.bench)
         speed = fields['speed']
         return replace(turned, bench=turned.bench._replace(speed=speed))
