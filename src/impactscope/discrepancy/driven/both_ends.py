@@ -33,7 +33,7 @@ WIDTH, DEEP = 7, 8  # lines and windows of a tile
 FEWEST = 12  # tiles
 LOWEST, QUIET = 0.05, 1.3  # quantile of the tiles' power, and how much above it is quiet
 KNOWN = 0.3  # share of the input's noise that the output knows, if it passes the chain
-SOME = 0.05  # of the output's noise: less noise of the input does not matter
+SOME = 1e-6  # of the output's noise: in long recordings a hundredth matters
 CLEAR = 100.0  # times the noise: lines with signal
 FAINT = 1.6  # times the noise: where there is some signal
 WIDE = 41  # lines that tell whether there is signal
@@ -54,7 +54,7 @@ def both_noises(inputs: Sequence[Array], outputs: Sequence[Array]) -> tuple[floa
     quiet = tiles[0] <= QUIET * np.quantile(tiles[0], LOWEST)
     into, out, common = (float(np.mean(row[quiet])) for row in tiles)
     common = max(common, 0.0)
-    if not out > common or common > KNOWN * into or into - common < SOME * (out - common):
+    if not out > common or common > KNOWN * into or not into - common > SOME * (out - common):
         return None
     return into - common, out - common
 
@@ -90,7 +90,7 @@ class BothEnds:
 
     @staticmethod
     def of(segment: Segment, into: float, out: float, gain: float) -> tuple[BothEnds, Array]:
-        """The noise of a recording; its input where that is clear, the rest, the whole, (3, n)."""
+        """The noise of a recording, and its input as the parts of ``ChainModel``, shape (4, n)."""
         whole = segment.drive[:2].sum(axis=0)
         n = whole.size
         ramp = np.linspace(whole[0], whole[-1], n)  # so that the ends meet
@@ -105,10 +105,11 @@ class BothEnds:
         passed = np.where(clear, gain**2 * into, 0.0)
         other = np.where(clear, 0.0, gain**2 * into)
         seen = np.fft.irfft(np.where(clear, spectrum, 0.0), n) + ramp
+        still = np.fft.irfft(np.where(clear | faint, 0.0, spectrum), n)
         noise = BothEnds(out + other + doubt, passed, passed + other, out)
         # the quantity as both ends tell it: the input's noise alone would lower a gain
         known = whole + into / (into + out) * (segment.measured - whole)
-        return noise, np.stack([seen, whole - seen, known if gain == 1.0 else whole])
+        return noise, np.stack([seen, whole - seen, known if gain == 1.0 else whole, still])
 
     @property
     def typical(self) -> float:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,13 +17,14 @@ from impactscope.discrepancy.driven.noise_judge import NoiseJudge
 from impactscope.discrepancy.driven.strangers import Laws
 from impactscope.discrepancy.locate import Phase
 
-__all__ = ['Bands', 'Case', 'Settled', 'band_levels', 'throughout']
+__all__ = ['Bands', 'Case', 'Settled', 'band_levels', 'quietest', 'throughout']
 
 Array = NDArray[np.float64]
 
 BANDS = 48
 Settled = Callable[[Fit], tuple[Fit, list[Segment]]]
 
+LONGEST, MOST, DRAWS = 2048, 8, 25  # samples, recordings and draws of noise to compare with
 EVEN = 0.03  # relative difference of two levels from which noise is not white
 
 
@@ -77,3 +80,23 @@ def band_levels(samples: Sequence[Array]) -> Array:
         pairs = itertools.pairwise(edges)
         found.append([np.median(power[a : max(b, a + 1)]) / np.log(2.0) for a, b in pairs])
     return np.asarray(np.mean(found, axis=0))
+
+
+def quietest(samples: Sequence[Array], count: int) -> float:
+    """Mean level of the quietest bands of several recordings, as of white noise.
+
+    The quietest of many estimates lie below the truth; by how much, noise of the same size tells.
+    """
+    level = float(np.mean(np.sort(band_levels(samples))[:count]))
+    least = min(x.size for x in samples)
+    size = min(least, LONGEST)
+    drawn = 1.0 - _drawn(size, min(len(samples), MOST), count)
+    # the scatter of a level falls with the root of the lines that tell it
+    return level / (1.0 - drawn * math.sqrt(size / least))
+
+
+@functools.lru_cache(maxsize=64)
+def _drawn(size: int, recordings: int, count: int) -> float:
+    """The same of white noise of unit level, the mean of several draws."""
+    noise = np.random.default_rng(0).standard_normal((DRAWS, recordings, size))
+    return float(np.mean([np.mean(np.sort(band_levels(x))[:count]) for x in noise]))

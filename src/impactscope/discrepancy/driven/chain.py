@@ -25,6 +25,7 @@ from impactscope.discrepancy.driven.case import (
     Case,
     Settled,
     band_levels,
+    quietest,
     throughout,
 )
 from impactscope.discrepancy.driven.chain_laws import channel_laws
@@ -62,7 +63,12 @@ QUARTER = BANDS // 4
 
 @dataclass(frozen=True, eq=False)
 class ChainModel:
-    """A chain of parts; ``drive`` is the input: what filters see and what they do not."""
+    """A chain of parts.
+
+    ``drive`` is the input, shape (2 to 4, n): what filters see; what they do not; the quantity as
+    both channels tell it; and what of the second is noise alone, which no clock moves: noise
+    elsewhere would fit the output's by chance as well.
+    """
 
     numbers: tuple[Number, ...]
     terms: tuple[Term, ...]
@@ -95,7 +101,10 @@ class ChainModel:
         if 'clock_error' in parts:
             clock = parts['clock_error'].label
             offset, drift = values.get(f'{clock}.offset', 0.0), values.get(f'{clock}.drift', 0.0)
-            seen, beyond = self._retimed(segment, np.stack([seen, beyond]), offset, drift)
+            still = segment.drive[3] if len(segment.drive) > 3 else np.zeros(seen.size)
+            moved = np.stack([seen, beyond - still])
+            seen, beyond = self._retimed(segment, moved, offset, drift)
+            beyond = beyond + still
         seen, beyond = gain * seen, gain * beyond
         made = passed_on(
             seen,
@@ -230,13 +239,13 @@ def chain_case(
     top = max(tops)
     corner = 0.5 * rate * top / BANDS
     left = band_levels([made.residuals[i] for i in fitted])
-    below = above = float(np.mean(np.sort(left)[: 2 * QUARTER]))
+    below = above = quietest([made.residuals[i] for i in fitted], 2 * QUARTER)
     if top <= BANDS - LEAST:
         below = above = float(np.mean(left[top:]))
     known = made if found is None else found
     expected = [band_levels([segments[i].measured - known.residuals[i]]) for i in fitted]
-    rest = np.sort(band_levels([known.residuals[i] for i in fitted]))[: 2 * QUARTER]
-    own = _own(expected, out, float(np.mean(rest)))
+    rest = quietest([known.residuals[i] for i in fitted], 2 * QUARTER)
+    own = _own(expected, out, rest)
     passes = own < LITTLE and _passes(inputs, outputs, into, floor, tops)
     if passes or (found is not None and _white(model, found, segments, top)):
         corner = math.inf
@@ -427,20 +436,21 @@ def _passes(
 
 
 def _split(segment: Segment, corner: float, between: float = 0.0) -> Array:
-    """Input below a frequency, the rest, and the quantity as both channels tell it, (3, n).
+    """Input as the parts of a model: below a frequency, the rest, both channels', noise, (4, n).
 
     ``between``: where the quantity lies on the way from the input to the output.
     """
     whole = segment.drive[0] + segment.drive[1]
     known = whole + between * (segment.measured - whole)
     if math.isinf(corner):
-        return np.stack([whole, np.zeros(whole.size), known])
+        none = np.zeros(whole.size)
+        return np.stack([whole, none, known, none])
     n = whole.size
     ramp = np.linspace(whole[0], whole[-1], n)  # so that the ends meet
     spectrum = np.fft.rfft(whole - ramp)
     spectrum[np.fft.rfftfreq(n, segment.period) <= corner] = 0.0
     above = np.fft.irfft(spectrum, n)
-    return np.stack([whole - above, above, known])
+    return np.stack([whole - above, above, known, above])
 
 
 def _muffled(

@@ -24,6 +24,8 @@ ECHOES = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233)  # samples
 RESONANCES = 16
 COARSE = 0.3  # of the noise: steps from which they look like other laws
 STAIRS = ('a step at zero', 'a dead band', 'a backlash')
+SMALL = 0.003  # of the largest reading
+BEYOND = 5.0  # times the noise: a reading that is one
 RATIO = 0.1  # damping ratio of a resonance
 MAINS = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
 
@@ -42,29 +44,36 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
     stepped = step_of(chosen[0].measured) > COARSE * chosen[0].noise
     # A low-pass colours what noise of the input is left: a linear law would then whiten it, and
     # a law of small readings would go with that noise.
-    apart = any(np.any(s.drive[1]) for s in chosen if s.drive.ndim > 1)
+    apart = any(float(np.std(s.drive[1])) > COARSE * s.noise / 10.0 for s in chosen)
     coloured = apart and any(t.name == 'low_pass_filter' for t in made.terms)
     ones = [np.ones(y.size) for y in outputs]
+    # where a reading is no more than noise, its sign is that of noise, which is in the residual
+    least = [max(SMALL, BEYOND * s.noise / largest) for s in chosen]
+    clear = [np.where(np.abs(y) > b, y, 0.0) for y, b in zip(outputs, least, strict=True)]
     for name, parts in (
         ('a reading that is bent to one side', [y * y for y in outputs]),
         ('a reading that is not straight', [y**3 for y in outputs]),
         ('a reading that is not straight', [y * np.abs(y) for y in outputs]),
         ('a reading that is not straight near its end', [y**7 for y in outputs]),
         ('a gain that depends on the sign', [np.abs(y) for y in outputs]),
-        ('a step at zero', [np.sign(y) * (np.abs(y) > 0.003) for y in outputs]),
-        ('a dead band', [np.clip(y, -0.01, 0.01) for y in outputs]),
-        ('a dead band', [np.clip(y, -0.1, 0.1) for y in outputs]),
+        ('a step at zero', [np.sign(y) for y in clear]),
+        ('a dead band', [np.clip(y, -0.01, 0.01) for y in clear]),
+        ('a dead band', [np.clip(y, -0.1, 0.1) for y in clear]),
         ('a gain that changes in time', [y * t for y, t in zip(outputs, times, strict=True)]),
         ('a zero that runs off', [t**2 for t in times]),
     ):
         if not ((stepped or coloured) and name in STAIRS):
             yield name, [column(parts)]
     rates = [np.gradient(y) for y in outputs]
+    sharp = [
+        np.sign(r) * (np.abs(r) > max(SMALL * float(np.max(np.abs(r))), b))
+        for r, b in zip(rates, least, strict=True)
+    ]
     steep = max(float(np.max(np.abs(r))) for r in rates) or 1.0
     for name, parts in (
         ('a reading that lags by its direction', [np.abs(r) / steep for r in rates]),
         ('a reading that is slow where it is steep', [r * np.abs(r) / steep**2 for r in rates]),
-        ('a backlash', [np.sign(r) * (np.abs(r) > 0.003 * steep) for r in rates]),
+        ('a backlash', sharp),
     ):
         if not (coloured and name in STAIRS):
             yield name, [column(parts)]

@@ -152,7 +152,7 @@ def _exact(
         seed,
     )
     tell(0.9 * share, 'looking for what the library lacks')
-    gain = case.judge.gain(baseline, outcome.best).fitted
+    gain = case.judge.worth(baseline, outcome.best).fitted
     said = verdict(
         case.laws, case.model, baseline, outcome.best, gain, case.segments, case.settled
     )

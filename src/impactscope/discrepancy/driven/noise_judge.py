@@ -5,6 +5,7 @@ Every sample counts there, and the fall of chi-square is that of Wilks' theorem.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.decide import Gain, Judge
+from impactscope.discrepancy.driven.dispersion import worth_of
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
@@ -92,6 +94,20 @@ class NoiseJudge(Judge):
         worse = held_out < -self.thresholds.held_out_loss - 0.1 * max(fitted, 0.0)
         return Gain(fitted, held_out, worse, large.added - small.added, count)
 
+    def worth(self, small: Fit, large: Fit) -> Gain:
+        """The same gain over the dispersion that the larger model leaves."""
+        gain = self.gain(small, large)
+        pairs = zip(self.segments, small.residuals, large.residuals, strict=True)
+        parts = [(s, innovations(s, old), innovations(s, new)) for s, old, new in pairs]
+        plain = [float(old @ old - new @ new) for _, old, new in parts]
+        true = worth_of([old for _, old, _ in parts], [new for _, _, new in parts])
+        lost = [(s.held_out, p - t) for (s, _, _), p, t in zip(parts, plain, true, strict=True)]
+        return dataclasses.replace(
+            gain,
+            fitted=gain.fitted - math.fsum(x for held, x in lost if not held),
+            held_out=gain.held_out - math.fsum(x for held, x in lost if held),
+        )
+
     def needed(self, gain: Gain) -> float:
         """Gain from which the larger model is believed."""
         return least_gain(max(gain.numbers, 1), self.looks, self.thresholds.false_finding)
@@ -101,6 +117,7 @@ class NoiseJudge(Judge):
         gain = self.gain(small, large)
         if gain.held_out_worse or gain.fitted < -1e-9:
             return False
+        gain = self.worth(small, large)
         looks = round(self.looks * _looks(small, large))
         return gain.total > least_gain(max(gain.numbers, 1), looks, self.thresholds.false_finding)
 
@@ -114,7 +131,7 @@ class NoiseJudge(Judge):
 
     def p_value(self, small: Fit, large: Fit) -> float:
         """Chance of such a gain where nothing is missing."""
-        gain = self.gain(small, large)
+        gain = self.worth(small, large)
         looks = round(self.looks * _looks(small, large))
         return family_p_value(max(gain.total, 0.0), max(gain.numbers, 1), looks)
 

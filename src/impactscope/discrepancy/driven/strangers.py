@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, stats
 
+from impactscope.discrepancy.driven.dispersion import levels_above, worth_of
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.noise_judge import innovations
@@ -74,6 +75,11 @@ def _line(residuals: Sequence[Array], period: float) -> Stranger | None:
     for r in residuals:
         power += 2.0 * np.abs(np.fft.rfft(r, length)) ** 2 / r.size
     best = int(np.argmax(power[2:-1])) + 2
+    # against its neighbours; of the lines of a longer transform every other one is its own
+    mean = power / (2.0 * len(residuals))
+    near = np.concatenate([mean[: max(best - 2, 1)], mean[best + 3 :]])
+    level = levels_above(near, 2.0 / len(residuals))[min(max(best - 2, 0), near.size - 1)]
+    power = power / level
     # as unlikely as that of one number, the search over frequencies paid for
     chance = float(stats.chi2.logsf(power[best], 2 * len(residuals))) + math.log(longest)
     gain = float(stats.chi2.isf(math.exp(min(chance, 0.0)), 1)) if chance > -650.0 else 1300.0
@@ -88,6 +94,7 @@ def strangers(
 ) -> list[Stranger]:
     """Laws beyond the vocabulary by their worth beside a fit, the strongest first."""
     here = tangent(model, made, segments)
+    sizes = [s.measured.size for s in segments if not s.held_out]
     found: list[Stranger] = []
     for law, columns in laws(model, made, segments):
         stack = np.stack(columns)
@@ -96,6 +103,8 @@ def strangers(
             continue
         gain, rank, column = _gain(here, stack / size[:, None])
         if rank > 0:
+            if Stranger(law, gain, rank).p_value < FALSE:
+                gain = _worth(here.residual, column, sizes)
             best = all(equivalent_gain(gain, rank) > f.worth for f in found)
             found.append(Stranger(law, gain, rank, column if best else None))
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
@@ -104,6 +113,12 @@ def strangers(
     if line is not None:
         found.append(line)
     return sorted(found, key=lambda s: -s.worth)
+
+
+def _worth(residual: Array, column: Array, sizes: Sequence[int]) -> float:
+    """Chi-square that a law takes away, over the dispersion that it leaves."""
+    ends = np.cumsum(sizes)[:-1]
+    return math.fsum(worth_of(np.split(residual, ends), np.split(residual - column, ends)))
 
 
 def _gain(here: Tangent, rows: Array) -> tuple[float, int, Array]:
