@@ -76,7 +76,7 @@ def test_course_of_a_measured_speed():
 
 def test_noise_of_the_motion_is_whitened():
     rng = np.random.default_rng(3)
-    noise = MovedNoise(1.0, 1e-3, 100.0, (1000.0, 10.0), 1e-3, np.zeros((2, 20000)))
+    noise = MovedNoise(1.0, 1e-3, 100.0, (1000.0, 10.0, 0.1), 1e-3, np.zeros((3, 20000)))
     white = rng.standard_normal(20000)
     frequency = np.fft.rfftfreq(white.size, 1e-3)
     coloured = np.fft.irfft(np.fft.rfft(white) / np.sqrt(1.0 - noise.share(frequency)))

@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from impactscope.discrepancy.driven import layout as at
 from impactscope.discrepancy.driven.case import Case, throughout
 from impactscope.discrepancy.driven.compiled import compiled
-from impactscope.discrepancy.driven.course import Course, course_of
+from impactscope.discrepancy.driven.course import Course, course_of, passed_by_spline
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.ladders import exact_terms
 from impactscope.discrepancy.driven.measuring import passed_on, power_passed
@@ -50,23 +50,22 @@ class MovedNoise:
     force: float  # standard deviation of a sample
     motion: float
     band: float  # Hz, up to which the motion's noise is left in its course
-    device: tuple[float, float]  # stiffness and damping
+    device: tuple[float, float, float]  # stiffness, damping and mass
     period: float
-    ends: Array  # further variance of position and speed near the ends, (2, n)
+    ends: Array  # further variance of position, speed and acceleration near the ends, (3, n)
 
     def share(self, frequency: NDArray[np.floating]) -> Array:
         """Share of the noise's power that the motion's noise makes."""
         turn = 2.0 * math.pi * frequency
-        stiffness, damping = self.device
-        passed = self.motion**2 * (stiffness**2 + (damping * turn) ** 2)
-        passed[frequency > self.band] = 0.0
+        stiffness, damping, mass = self.device
+        passed = self.motion**2 * ((stiffness - mass * turn**2) ** 2 + (damping * turn) ** 2)
+        passed = passed * passed_by_spline(0.5 * frequency / self.band)
         return np.asarray(passed / (passed + self.force**2))
 
     def __call__(self, residual: Array) -> Array:
         """A residual, shape (n,), in units of its noise."""
         share = self.share(np.fft.rfftfreq(residual.size, self.period))
-        stiffness, damping = self.device
-        more = (stiffness**2 * self.ends[0] + damping**2 * self.ends[1]) / self.force**2
+        more = np.square(self.device) @ self.ends / self.force**2
         even = residual / np.sqrt(1.0 + more) / self.force
         if np.max(share) < LITTLE:
             return np.asarray(even)
@@ -218,7 +217,7 @@ def moved_case(
     noise = _noise(cuts, segments, best or made)
     if not noise > 0.0:
         return None
-    device = (made.values['stiffness'], made.values['damping'])
+    device = made.values['stiffness'], made.values['damping'], made.values.get('mass', 0.0)
     ready = [
         dataclasses.replace(
             s, noise=noise, whitener=MovedNoise(noise, moved, band, device, s.period, ends)
