@@ -13,8 +13,10 @@ from impactscope.discrepancy.impact.fit import fit
 from impactscope.discrepancy.impact.follow import fit_baseline
 from impactscope.discrepancy.impact.strong import in_place_of, race, related
 from impactscope.physics.twin.assembly import Effect
+from impactscope.physics.twin.bench import BareContact
 
 WINDOW = 0.04  # s
+BARE = BareContact(5e8, restitution=0.5)
 
 
 @pytest.mark.parametrize('force', [0.05, 2.0, 8.0])
@@ -76,3 +78,38 @@ def test_much_friction_is_friction_and_nothing_richer(make_campaign, force):
     assert answer.accepted == ('coulomb_friction',)
     found = answer.ranking[0].parameters['force']
     assert abs(found.value - force) < 4.0 * found.std + 1e-3 * force
+
+
+def test_what_rings_beside_the_plate_leaves_the_pulse_of_a_tap_open(without_friction):
+    made, current = without_friction
+    listed = {c.name: c for c in candidates(current, made.baseline_names)}
+    fixture = listed['base_compliance']
+    pulses = [f for f in fixture.free if f.key.startswith('tap_duration@')]
+    assert pulses
+    assert fixture.cost == 3  # of a pulse something is known
+    wider = fit(
+        fixture.extend(current.model), current.layout, start_of(fixture, current), iterations=1
+    )
+    again = candidates(wider, made.baseline_names)
+    assert not any(c.parameter.startswith('tap_') for c in again)
+
+
+def start_of(candidate, current):
+    free = candidate.extend(current.model).free
+    return np.array([f.to_inner(current.values.get(f.key, f.start)) for f in free])
+
+
+@pytest.mark.slow
+def test_a_fixture_that_gives_way_is_no_stranger(make_campaign):
+    numbers = {'frequency': 150.0, 'mass': 5.0, 'damping_ratio': 0.03}
+    answer = explain(make_campaign(64, [Effect('base_compliance', numbers)]))
+    assert answer.accepted == ('base_compliance',)
+    for name, value in numbers.items():
+        found = answer.ranking[0].parameters[name]
+        assert abs(found.value - value) < 4.0 * found.std
+
+
+@pytest.mark.slow
+def test_friction_on_the_bare_plate_is_found_by_its_taps(make_campaign):
+    made = make_campaign(65, [Effect('coulomb_friction', {'force': 8.0})], bare=BARE)
+    assert explain(made).accepted == ('coulomb_friction',)

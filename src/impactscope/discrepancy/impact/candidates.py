@@ -33,6 +33,8 @@ _KEPT = {  # parameters that are not fitted: nothing on this bench tells them
     'external_push': ('hold', 'fall'),
 }
 _VANISHES = {'base_compliance': 'mass'}  # numbers at whose infinity an effect is absent
+_RINGS_ON = ('base_compliance',)  # effects with a motion of their own, which a tap excites
+_PULSE_KNOWN = 0.3  # relative, of a tap's duration
 _RINGS = tuple(float(f) for f in np.geomspace(30.0, 500.0, 9))  # Hz, where a part may ring
 _FILTERS = ((1, 0), (2, 0), (4, 0), (1, 1), (2, 1), (4, 1))  # order, zero phase, tried at first
 _ALL_FILTERS = tuple((order, zero_phase) for zero_phase in (0, 1) for order in (1, 2, 3, 4))
@@ -69,8 +71,8 @@ class Candidate:
 
     @property
     def cost(self) -> int:
-        """Number of further numbers that are fitted; at least one."""
-        return max(1, len(self.free))
+        """Number of further numbers of which nothing is known; at least one."""
+        return max(1, sum(f.prior is None for f in self.free))
 
     def extend(self, model: ImpactModel) -> ImpactModel:
         """The model with this candidate in it."""
@@ -189,7 +191,10 @@ def _bench_candidates(kind: Mechanism, model: ImpactModel, scene: _Scene) -> Ite
         label=kind.name,
         name=kind.name,
         subsystem=kind.subsystem.value,
-        free=tuple(_free(active.tag, p, scene) for p in fitted),
+        free=(
+            *(_free(active.tag, p, scene) for p in fitted),
+            *(_pulses(model) if kind.name in _RINGS_ON else ()),
+        ),
         effects=(active,),
         constants=constants,
         starts=starts,
@@ -213,6 +218,25 @@ def _bench_candidates(kind: Mechanism, model: ImpactModel, scene: _Scene) -> Ite
             starts=starts,
             amplitudes=candidate.amplitudes,
         )
+
+
+def _pulses(model: ImpactModel) -> Iterator[Free]:
+    """Durations of the taps: what rings beside the plate tells how long the hammer pushed."""
+    for i in model.data.fitted:
+        blow, key = model.data.blows[i], f'tap_duration@{i}'
+        if blow.recording.kind == 'tap' and key in model.constants:
+            known = model.constants[key]
+            longest = min(3.0 * known, 0.9 * (blow.settled - blow.onset) + 1e-3)
+            yield Free(
+                key,
+                known,
+                0.02,
+                0.3 * known,
+                max(longest, 1.1 * known),
+                logarithmic=True,
+                prior=(known, _PULSE_KNOWN * known),
+                blow=i,
+            )
 
 
 _WEIGHTS = ('gravity_load', 'restoring_force')
@@ -401,7 +425,7 @@ def _wrong_numbers(model: ImpactModel) -> Iterator[Candidate]:
     """Stated numbers that may be wrong: constants set free, and priors let go."""
     values = model.values(model.start())
     for number in model.free:
-        if number.prior is None:
+        if number.prior is None or number.key.startswith('tap_'):
             continue
         recording = '' if number.blow is None else model.data.blows[number.blow].name
         if number.blow is not None and number.blow not in model.data.fitted:

@@ -44,7 +44,7 @@ from impactscope.discrepancy.impact.outcome import (
 )
 from impactscope.discrepancy.impact.pairs import Pair, pairs
 from impactscope.discrepancy.impact.pruning import prune
-from impactscope.discrepancy.impact.strong import in_place_of, race, related
+from impactscope.discrepancy.impact.strong import from_taps, in_place_of, race, related
 from impactscope.discrepancy.impact.workbench import Trial, Workbench
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
@@ -157,8 +157,10 @@ class Search:
             return baseline, outcome
         listed = candidates(baseline, self.baseline_names)
         best: tuple[Candidate, Fit, Fit] | None = None
-        for candidate in (c for c in listed if not c.free):
-            other = fit_baseline(candidate.extend(baseline.model))
+        tried = [(c, fit_baseline(c.extend(baseline.model))) for c in listed if not c.free]
+        if 'contact.stiffness' in baseline.values and baseline.reduced > _LOST:
+            tried += from_taps(baseline, self.baseline_names)
+        for candidate, other in tried:
             if other.layout.size < _SHORTER * baseline.layout.size:
                 continue
             plain = dataclasses.replace(baseline.model, data=other.model.data)

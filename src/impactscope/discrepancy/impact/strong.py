@@ -18,14 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.impact.candidates import Candidate, candidates, kin_of
+from impactscope.discrepancy.impact.cold_start import cold_starts
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit
+from impactscope.discrepancy.impact.follow import fit_baseline
 from impactscope.discrepancy.impact.model import ImpactModel, Layout
 from impactscope.discrepancy.impact.outcome import QUIET
 from impactscope.discrepancy.impact.workbench import Workbench
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
-__all__ = ['in_place_of', 'race', 'related']
+__all__ = ['from_taps', 'in_place_of', 'race', 'related']
 
 Array = NDArray[np.float64]
 
@@ -33,6 +35,8 @@ _RUNGS = (0.012, 0.02, 0.035, 0.06, 0.12, 0.25, 0.5)  # s, of taps and blows ali
 _RUNNERS = (8, 6, 5, 4, 3, 3, 3)  # candidates that are fitted up to each rung
 _BEHIND = 6.0  # times the least chi-square, at which a candidate leaves the race
 _LOST = 1e3  # reduced chi-square of a fit that follows nothing
+_COLD = 2  # candidates that are fitted to all blows from a cold start
+_SEEN = 60.0  # of chi-square, that a candidate must gain on the taps
 _SAME_UNIT = 12  # starts from numbers of the same unit
 _REFINED = 2  # starts of a candidate that are refined
 
@@ -121,6 +125,39 @@ def _further(
     return [r for r in arrived[:most] if r[1].chi_square < _BEHIND * max(least, layout.size)]
 
 
+def from_taps(baseline: Fit, baseline_names: Sequence[str]) -> list[tuple[Candidate, Fit]]:
+    """What the taps alone say is missing, each then fitted to all blows from a cold start.
+
+    Bare contacts follow each other within milliseconds, each amplifying what the one before has
+    left: without the effect they are not met at all, and tell nothing of it. Taps are simple.
+    """
+    model = baseline.model
+    taps = [i for i in model.data.fitted if model.data.blows[i].recording.kind == 'tap']
+    if not taps:
+        return []
+    found: list[tuple[Candidate, Fit]] = []
+    with contextlib.suppress(ImpactscopeError):
+        start = min(cold_starts(model), key=lambda x: _tap_misfit(model, x, taps))
+        alone = fit(model, model.layout(taps), start, settled=1.0)
+        if alone.reduced < QUIET:
+            return []
+        for candidate, joint in race(alone, baseline_names, math.inf)[:_COLD]:
+            if alone.chi_square - joint.chi_square < _SEEN * max(1.0, joint.reduced):
+                continue
+            extended, values = candidate.extend(model), joint.values
+            extended.free = tuple(
+                f if f.prior or f.blow is not None else dataclasses.replace(f, start=values[f.key])
+                for f in extended.free
+            )
+            found.append((candidate, fit_baseline(extended)))
+    return sorted(found, key=lambda item: (-item[1].layout.size, item[1].reduced))
+
+
+def _tap_misfit(model: ImpactModel, x: Array, taps: Sequence[int]) -> float:
+    residuals = model.residuals(x, model.layout(taps, _RUNGS[0]))
+    return float(residuals @ residuals)
+
+
 def related(leader: Candidate, listed: Sequence[Candidate]) -> list[Candidate]:
     """Candidates of the same family as the leading one."""
     kin = kin_of(leader)
@@ -164,7 +201,7 @@ def _of_same_unit(
     known: Mapping[str, float], leader: Fit, candidate: Candidate
 ) -> list[dict[str, float]]:
     """Numbers of a candidate taken from those of mechanisms that the leader has."""
-    if candidate.name not in all_mechanisms() or len(candidate.free) > 4 or candidate.channel:
+    if candidate.name not in all_mechanisms() or candidate.cost > 4 or candidate.channel:
         return []
     there: dict[str, list[float]] = {}
     for effect in leader.model.effects:

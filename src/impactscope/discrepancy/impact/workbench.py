@@ -70,7 +70,7 @@ class Workbench:
 
     def best(self, candidate: Candidate) -> list[Trial]:
         """The best of a candidate's starts, each simulated, the best first."""
-        if any(f.key in self.keys for f in candidate.free):
+        if candidate.free and candidate.free[0].key in self.keys:
             return [self._released(candidate)]
         tried = [t for s in candidate.starts if (t := self._tried(candidate, s)) is not None]
         tried.sort(key=lambda t: t.gain, reverse=True)
@@ -90,7 +90,7 @@ class Workbench:
     def _tried(self, candidate: Candidate, start: Mapping[str, float]) -> Trial | None:
         model = candidate.extend(self.current.model)
         x = self.vector(model, start)
-        if len(candidate.free) > 4:  # a number for each blow: linear
+        if candidate.cost > 4:  # a number for each blow: linear
             return self.refined(Trial(candidate, 0.0, model, x), 1)
         try:
             left = self._left(model, x)
@@ -150,11 +150,7 @@ class Workbench:
     def scaled(self, trial: Trial, rounds: int = 3) -> Trial:
         """A trial with its strength brought to where it fits best, by simulation."""
         candidate = trial.candidate
-        if (
-            not candidate.amplitudes
-            or len(candidate.free) > 4
-            or candidate.free[0].key in self.keys
-        ):
+        if not candidate.amplitudes or candidate.cost > 4 or candidate.free[0].key in self.keys:
             return trial
         model, x = trial.model, trial.x
         best: Trial | None = None
