@@ -382,7 +382,7 @@ def _floor(levels: Sequence[Array]) -> tuple[list[int], float]:
                 lowest = float(np.mean(level[top:]))
         tops.append(top)
         floors.append(lowest)
-    near = [f for f in floors if f < ALIKE * min(floors)]
+    near = [f for f in floors if f <= ALIKE * min(floors)]
     floor = float(np.mean(near))
     return [_top(level, floor) for level in levels], floor
 

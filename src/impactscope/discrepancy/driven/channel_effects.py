@@ -82,6 +82,7 @@ def channel_terms(
 
     slow = _ladder(0.01 / longest, 0.004 * rate, 9)
     cuts = _ladder(min(60.0, 0.01 * rate), 0.45 * rate, 10)
+    far = _ladder(0.3 * rate, 5.0 * rate, 4)
     corner = Number('corner', 'Hz', slow, slow[0], 0.0, 0.25 * rate)
     late = 0.2 / rate
     most = max(DELAY, *(3.0 * abs(d) for d in delays)) if delays else DELAY
@@ -102,6 +103,20 @@ def channel_terms(
         )
         for order in ORDERS
         for kind, how in (('causal', 'forwards'), ('zero', 'forwards and backwards'))
+    ]
+    found += [
+        term(
+            'low_pass_filter',
+            f'analogue-{order}',
+            (
+                f'A low-pass of order {order} stands before the samples are taken.',
+                f'Butterworth of order {order}, forwards, before sampling',
+                'a hard tap, beside an unfiltered channel',
+            ),
+            Number('cutoff', 'Hz', far, 100.0, 0.2 * rate, 10.0 * rate),
+            source='ISO 6487; SAE J211-1',
+        )
+        for order in ORDERS
     ]
     coupled = (
         'The channel is AC coupled: slow signals fade.',

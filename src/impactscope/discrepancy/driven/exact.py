@@ -16,7 +16,7 @@ import numpy as np
 from impactscope.discrepancy.driven.decide import Judge
 from impactscope.discrepancy.driven.fitting import Fit, fit
 from impactscope.discrepancy.driven.looks import HOPE, Prospect, looks, prospects
-from impactscope.discrepancy.driven.measuring import filter_of
+from impactscope.discrepancy.driven.measuring import before_sampling, filter_of
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge, innovations
 from impactscope.discrepancy.driven.search import Outcome, prune
@@ -212,10 +212,12 @@ def _grow(fits: _Fits, base: Fit, most: int) -> list[Fit]:
             continue
         made.append(fits.make(base, (*base.terms, p.term), p.initial, p.other))
     best = max(ranked, key=lambda p: p.gain, default=None)
+    forms: set[bool] = set()
     for p in ranked:
         if p.term.name == 'low_pass_filter' and best is not None and p.gain > 0.5 * best.gain:
-            made += _other_orders(fits, base, p)
-            break
+            if before_sampling(p.term) not in forms:
+                made += _other_orders(fits, base, p)
+            forms.add(before_sampling(p.term))
     return made
 
 
@@ -226,6 +228,8 @@ def _other_orders(fits: _Fits, base: Fit, first: Prospect) -> list[Fit]:
     (cutoff,) = first.initial.values()
     for term in fits.model.terms:
         if term.name != first.term.name or filter_of(term)[1] != both:
+            continue
+        if before_sampling(term) != before_sampling(first.term):
             continue
         ratio = 1.0 if both else LATE[filter_of(term)[0]] / LATE[order]
         number = term.numbers[0]

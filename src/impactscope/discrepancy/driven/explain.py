@@ -393,7 +393,8 @@ def _start(campaign: Campaign, notes: list[str]) -> tuple[list[Cut], Model, list
         parts = cuts(campaign, [str(bench['output'])], str(bench['motion']), notes)
         return parts, *linear_prescribed(parts, spring=_sprung(campaign))
     if campaign.kind is CampaignKind.CHAIN:
-        parts = cuts(campaign, [str(bench['output'])], str(bench['input']), notes)
+        names = [str(bench['output'])], str(bench['input'])
+        parts = cuts(campaign, *names, notes, MOST_OF_PLATE)
         return parts, *linear_chain(parts)
     drive = str(bench.get('input', ''))
     drive = '' if drive.lower() in FREE else drive

@@ -19,6 +19,7 @@ from scipy.interpolate import CubicSpline
 from impactscope.discrepancy.driven.terms import Term
 
 __all__ = [
+    'before_sampling',
     'between_samples',
     'delayed',
     'filter_of',
@@ -36,6 +37,7 @@ STILL = 0.05  # of the recording's spread: what varies less is at rest
 LOADED = 0.3  # of the recording's spread: a mean that is a load
 FORGOTTEN = 40.0  # time constants
 NEARLY = 0.98  # of a limit: from here on a sample may be cut off
+ABOVE = 20.0  # sampling rates: cut-offs beyond delay nothing
 FINE = 8  # between samples, before a spline retimes a broad signal
 
 
@@ -43,6 +45,11 @@ def filter_of(term: Term) -> tuple[int, bool]:
     """Order and whether it runs forwards and backwards, of a low-pass among the candidates."""
     kind, _, order = term.variant.partition('-')
     return int(order.partition('@')[0]), kind == 'zero'
+
+
+def before_sampling(term: Term) -> bool:
+    """Whether a low-pass among the candidates acts before samples are taken."""
+    return term.variant.startswith('analogue')
 
 
 def step_of(samples: Array) -> float:
@@ -112,15 +119,39 @@ def _low_pass(order: int, cutoff: float, rate: float) -> Array:
     return np.asarray(signal.butter(order, cutoff, fs=rate, output='sos'))
 
 
+@functools.lru_cache(maxsize=16)
+def _analogue(order: int, cutoff: float, length: int, rate: float) -> NDArray[np.complex128]:
+    """Response of an analogue Butterworth by line of the spectrum of ``length`` samples."""
+    below = signal.butter(order, 1.0, analog=True)[1]
+    turn = 1j * np.fft.rfftfreq(length, 1.0 / rate) / cutoff
+    return np.asarray(1.0 / np.polyval(below, turn), np.complex128)
+
+
+def _passed_before(order: int, cutoff: float, samples: Array, rate: float) -> Array:
+    """Samples behind an analogue low-pass, band-limited; any cut-off, also above half the rate."""
+    n, pad = samples.size, min(samples.size, 64 + int(order * rate / cutoff))
+    spectrum, length = _spectrum_of_held(samples, pad)
+    return np.asarray(
+        np.fft.irfft(spectrum * _analogue(order, cutoff, length, rate), length)[pad : pad + n]
+    )
+
+
 def _filtered(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
     order, both = filter_of(term)
-    if not 0.0 < cutoff < 0.5 * rate:
+    if not 0.0 < cutoff < _highest(term) * rate:
         return samples
+    if before_sampling(term):
+        return _passed_before(order, cutoff, samples, rate)
     sections = _low_pass(order, cutoff, rate)
     if both:
         return np.asarray(signal.sosfiltfilt(sections, samples))
     begin = signal.sosfilt_zi(sections) * _before(samples)
     return np.asarray(signal.sosfilt(sections, samples, zi=begin)[0])
+
+
+def _highest(term: Term) -> float:
+    """Cut-off over sampling rate from which a low-pass is as good as none."""
+    return ABOVE if before_sampling(term) else 0.5
 
 
 def _coupled(corner: float, samples: Array, rate: float) -> Array:
@@ -260,7 +291,9 @@ def power_passed(
         if term.name == 'low_pass_filter':
             order, both = filter_of(term)
             cutoff = values[f'{term.label}.cutoff']
-            if 0.0 < cutoff < 0.5 * rate:
+            if before_sampling(term):
+                share *= 1.0 / (1.0 + (frequency / cutoff) ** (2 * order))
+            elif 0.0 < cutoff < 0.5 * rate:
                 _, h = signal.sosfreqz(_low_pass(order, cutoff, rate), frequency, fs=rate)
                 share *= np.abs(h) ** (4 if both else 2)
         elif term.name == 'ac_coupling':
