@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -113,3 +115,18 @@ def test_a_fixture_that_gives_way_is_no_stranger(make_campaign):
 def test_friction_on_the_bare_plate_is_found_by_its_taps(make_campaign):
     made = make_campaign(65, [Effect('coulomb_friction', {'force': 8.0})], bare=BARE)
     assert explain(made).accepted == ('coulomb_friction',)
+
+
+@pytest.mark.slow
+def test_a_weight_that_is_stated_at_nought_may_sit_elsewhere(make_campaign):
+    made = make_campaign(66)
+    recordings = tuple(
+        dataclasses.replace(r, mass_distance=0.0) if r.file == 'hit0.mcap' else r
+        for r in made.recordings
+    )
+    answer = explain(dataclasses.replace(made, recordings=recordings))
+    assert answer.accepted == ('wrong_parameter',)
+    found = answer.ranking[0]
+    assert found.recording == 'hit0.mcap'
+    assert 'ratio' not in found.parameters
+    assert found.parameters['value'].value == pytest.approx(0.1, abs=1e-3)

@@ -450,7 +450,8 @@ def _wrong_numbers(model: ImpactModel) -> Iterator[Candidate]:
         )
     for key, value in model.constants.items():
         stated = key.startswith(('sensor.', 'damper.', 'pendulum.', 'mass_distance@'))
-        if not stated or value <= 0:
+        place = key.startswith('mass_distance@')  # that may be nought
+        if not stated or not (value > 0 or place):
             continue
         blow = int(key.split('@')[1]) if '@' in key else None
         if blow is not None and blow not in model.data.fitted:
@@ -459,8 +460,12 @@ def _wrong_numbers(model: ImpactModel) -> Iterator[Candidate]:
             label=f'wrong {key}',
             name='wrong_parameter',
             subsystem='parameter',
-            free=(Free(key, value, 0.02, value / 20, value * 20, logarithmic=True, blow=blow),),
-            starts=({key: 1.05 * value},),
+            free=(
+                Free(key, value, 0.005, 0.0, 0.6, blow=blow)
+                if place
+                else Free(key, value, 0.02, value / 20, value * 20, logarithmic=True, blow=blow),
+            ),
+            starts=({key: value + 0.005 if place else 1.05 * value},),
             amplitudes={key: value},
             parameter=key,
             recording='' if blow is None else model.data.blows[blow].name,

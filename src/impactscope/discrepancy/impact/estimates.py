@@ -49,7 +49,8 @@ def estimates(candidate: Candidate, fitted: Fit) -> dict[str, ParameterEstimate]
             stated = stated_value(candidate)
             value = fitted.values[candidate.free[0].key]
             std = fitted.std(candidate.free[0].key)
-            result['ratio'] = ParameterEstimate(value / stated, std / abs(stated), '1')
+            if stated:
+                result['ratio'] = ParameterEstimate(value / stated, std / abs(stated), '1')
             result['value'] = ParameterEstimate(value, std, unit_of(candidate.parameter))
         return result
     values = fitted.values

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.impact.candidates import Candidate, candidates, kin_of
-from impactscope.discrepancy.impact.cold_start import cold_starts
+from impactscope.discrepancy.impact.cold_start import cold_starts, placed
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit
 from impactscope.discrepancy.impact.follow import fit_baseline
 from impactscope.discrepancy.impact.model import ImpactModel, Layout
@@ -34,7 +34,6 @@ Array = NDArray[np.float64]
 _RUNGS = (0.012, 0.02, 0.035, 0.06, 0.12, 0.25, 0.5)  # s, of taps and blows alike
 _RUNNERS = (8, 6, 5, 4, 3, 3, 3)  # candidates that are fitted up to each rung
 _BEHIND = 6.0  # times the least chi-square, at which a candidate leaves the race
-_LOST = 1e3  # reduced chi-square of a fit that follows nothing
 _COLD = 2  # candidates that are fitted to all blows from a cold start
 _SEEN = 60.0  # of chi-square, that a candidate must gain on the taps
 _SAME_UNIT = 12  # starts from numbers of the same unit
@@ -60,28 +59,55 @@ def race(
         window: s.
     """
     model, blows = current.model, current.layout.blows
-    x = current.x
-    first, near = 0, current
-    for first, length in enumerate(_RUNGS):
-        part = _rung(model, blows, length, window)
-        with contextlib.suppress(ImpactscopeError):
-            near = fit(model, part, x, iterations=12, settled=0.5)
-            if first == 0:
-                anew = fit(model, part, model.start(), iterations=12, settled=0.5)
-                near = min(near, anew, key=lambda f: f.chi_square)
-        if near.layout.size != part.size:
-            return []
-        if near.reduced > QUIET:
-            near = at_point(model, part, x) if first else near
-            break
-        x = near.x
-    else:
+    near = _first_fit(current, _rung(model, blows, _RUNGS[0], window))
+    if near is None:
         return []
+    first = 0
+    while near.reduced < QUIET:
+        first += 1
+        if first == len(_RUNGS):
+            return []
+        part = _rung(model, blows, _RUNGS[first], window)
+        if (longer := _fitted(model, part, near.x)) is None:
+            return []
+        if longer.reduced > QUIET:
+            near = at_point(model, part, near.x)
+            break
+        near = longer
     runners = _ready(near, baseline_names)
     for length, most in zip(_RUNGS[first:], _RUNNERS[first:], strict=True):
         part = _rung(model, blows, length, window)
         runners = _further(runners, part, most)
     return _further(runners, current.layout, len(runners), settled=0.1)
+
+
+def _fitted(model: ImpactModel, layout: Layout, x: Array) -> Fit | None:
+    try:
+        return fit(model, layout, x, iterations=12, settled=0.5)
+    except ImpactscopeError:
+        return None
+
+
+def _first_fit(current: Fit, layout: Layout) -> Fit | None:
+    """The first milliseconds without what is missing, from where that has bent the least."""
+    model = current.model
+    found = _fitted(model, layout, current.x)
+    if found is not None and found.reduced < QUIET:
+        return found
+    tried = [found]
+    for x in (current.x, _cold(current)):
+        with contextlib.suppress(ImpactscopeError):
+            short = placed(model, x, layout.blows, layout.blows)
+            tried.append(_fitted(model, layout, x if short is None else short.x))
+    return min((f for f in tried if f is not None), key=lambda f: f.chi_square, default=None)
+
+
+def _cold(current: Fit) -> Array:
+    """Numbers as they are stated, those of what was found already as they were fitted."""
+    model = current.model
+    tags = {effect.tag for effect in model.effects}
+    own = [f.key.rsplit('.', 1)[0] in tags for f in model.free]
+    return np.asarray(np.where(own, current.x, model.start()))
 
 
 def _ready(near: Fit, baseline_names: Sequence[str]) -> list[tuple[Candidate, Fit]]:
@@ -112,13 +138,14 @@ def _further(
     runners: Sequence[tuple[Candidate, Fit]], layout: Layout, most: int, settled: float = 1.0
 ) -> list[tuple[Candidate, Fit]]:
     """The runners fitted over a further length, those that keep up, the best first."""
-    arrived = []
+    best: dict[str, tuple[Candidate, Fit]] = {}
     for candidate, so_far in runners:
         with contextlib.suppress(ImpactscopeError):
             found = fit(so_far.model, layout, so_far.x, iterations=12, settled=settled)
-            if found.reduced < _LOST:
-                arrived.append((candidate, found))
-    arrived.sort(key=lambda item: item[1].chi_square)
+            known = best.get(candidate.label)
+            if known is None or found.chi_square < known[1].chi_square:
+                best[candidate.label] = candidate, found
+    arrived = sorted(best.values(), key=lambda item: item[1].chi_square)
     if not arrived:
         return []
     least = arrived[0][1].chi_square
