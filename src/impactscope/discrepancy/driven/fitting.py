@@ -146,6 +146,7 @@ def fit(
             return starts[i]
         return np.array([n.starts[0] for n in own[i]])
 
+    first = len(shared)
     x0 = [_bounded(initial.get(k, n.starts[0]), n) / n.scale for k, n in shared]
     lower = [n.lower / n.scale for _, n in shared]
     upper = [n.upper / n.scale for _, n in shared]
@@ -180,7 +181,21 @@ def fit(
     def jacobian(theta: Array) -> Array:
         made = next((r for t, r in last if np.array_equal(t, theta)), None)
         at_theta = residual(theta) if made is None else made
-        return _differences(residual, theta, at_theta, frozen)
+        slopes = np.zeros((at_theta.size, theta.size))
+        slopes[:, :first] = _differences(
+            lambda q: residual(np.concatenate([q, theta[first:]])), theta[:first], at_theta, frozen
+        )
+        values, row = values_of(theta), 0
+        for i in fitted:
+            rows = slice(row, row + segments[i].measured.size)
+            row = rows.stop
+            for j in range(place[i].start, place[i].stop):
+                moved = theta.copy()
+                moved[j] += STEP
+                predicted = model.predict(values, terms, start_of(moved, i), segments[i])
+                left = counted(model, segments[i].measured - predicted, segments[i])
+                slopes[rows, j] = (weights[i] * left - at_theta[rows]) / STEP
+        return slopes
 
     theta = np.array(x0)
     frozen = None if slopes_of_first is None else slopes_of_first / math.sqrt(total)
@@ -216,7 +231,15 @@ def fit(
     mine = sum(t.own for t in terms)
     added = sum(len(t.numbers) for t in terms) + mine
     return Fit(
-        terms, values, std, tuple(begins), tuple(residuals), added, evaluations=spent, own=mine
+        terms,
+        values,
+        std,
+        tuple(begins),
+        tuple(residuals),
+        added,
+        evaluations=spent,
+        cost=float(left @ left),
+        own=mine,
     )
 
 

@@ -7,11 +7,12 @@ system resonates or jumps. Noise biases them, so they are a start and nothing mo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import optimize, signal
 from scipy.interpolate import CubicSpline
 
 from impactscope.discrepancy.driven import layout as at
@@ -19,14 +20,19 @@ from impactscope.discrepancy.driven.mechanics import SLOTS
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.oscillator import smooth_force
 from impactscope.discrepancy.driven.terms import Number, Term, key
+from impactscope.discrepancy.evidence import noise_std
 
 __all__ = ['equation_start']
 
 Array = NDArray[np.float64]
 
 POWER = 0.995  # share of the output's power below the frequency that counts as its highest
+CLEAR = 10.0  # times the noise's spectrum
+STANDS = 0.03  # of the largest speed, below which an axis may stand
 HARMONICS = 3.0  # of that are kept when the output is differentiated
 _FRICTION = {at.KINETIC_FORWARD: 1.0, at.KINETIC_BACKWARD: -1.0}
+_ROUGH = {at.KINETIC_FORWARD, at.KINETIC_BACKWARD, at.STATIC_EXCESS}
+_FALLS = (0.02, 0.04, 0.08, 0.16, 0.32)
 _LINEAR = {
     at.MASS,
     at.DAMPING,
@@ -37,17 +43,31 @@ _LINEAR = {
     at.SKEW_DAMPING,
     at.INPUT_OFFSET,
     *_FRICTION,
+    at.STATIC_EXCESS,
 }
 
 
-def _motion(segment: Segment) -> Array:
-    """Smoothed position, speed, acceleration, shape (3, n)."""
+def _corner(segment: Segment, *, axis: bool) -> float:
+    """Frequency, Hz, up to which the output is kept when it is differentiated.
+
+    The position of an ``axis`` that nothing brings back says little of its highest frequencies:
+    there it is kept as far as it stands clear of its noise.
+    """
     rate = 1.0 / segment.period
     frequency, power = signal.periodogram(segment.measured, rate, detrend='constant')
     share = np.cumsum(power)
-    highest = float(frequency[np.searchsorted(share, POWER * share[-1])])
-    corner = min(max(HARMONICS * highest, 8.0 * frequency[1]), 0.4 * rate)
-    sections = signal.butter(4, corner, fs=rate, output='sos')
+    highest = HARMONICS * float(frequency[np.searchsorted(share, POWER * share[-1])])
+    noise = noise_std(segment.measured)
+    if axis and math.isfinite(noise):
+        parts = min(segment.measured.size, 1 << round(math.log2(2.0 * rate)))
+        places, level = signal.welch(segment.measured, rate, nperseg=parts)
+        loud = level > CLEAR * 2.0 * noise**2 / rate
+        highest = max(highest, float(places[int(np.argmin(loud)) - 1]))
+    return min(max(highest, 8.0 * float(frequency[1])), 0.4 * rate)
+
+
+def _motion(segment: Segment, sections: Array) -> Array:
+    """Smoothed position, speed, acceleration, shape (3, n)."""
     smooth = signal.sosfiltfilt(sections, segment.measured)
     spline = CubicSpline(segment.time, smooth)
     return np.stack([smooth, spline(segment.time, 1), spline(segment.time, 2)])
@@ -78,33 +98,91 @@ def equation_start(
 ) -> Mapping[str, float]:
     """Values of the baseline's numbers and of the terms', by key; empty where they cannot be had.
 
-    They cannot where the output is no position, or a law is not linear in its numbers.
+    They cannot where the output is no position, or a law is not linear in its numbers; the speed
+    over which friction falls is taken from a ladder.
     """
     named = [(n.name, n) for n in numbers] + [(key(t, n), n) for t in terms for n in t.numbers]
     slots = []
     for name, _ in named:
         label, dot, number = name.partition('.')
         slots.append(SLOTS.get(label.split('/', 1)[0] + dot + number, ()))
-    linear = all(s and set(s) <= _LINEAR for s in slots)
+    axis = not any(n.name == 'stiffness' for n in numbers)
+    falls = [i for i, s in enumerate(slots) if axis and s == (at.STRIBECK_SPEED,)]
+    linear = all(s and set(s) <= _LINEAR for i, s in enumerate(slots) if i not in falls)
     fitted = [s for s in segments if not s.held_out]
-    if not linear or any(s.derivative != 0 for s in fitted):
+    if not (linear or falls) or any(s.derivative != 0 for s in fitted):
         return {}
+    best: tuple[float, dict[str, float]] = (math.inf, {})
+    for share in _FALLS if falls else (math.nan,):
+        left, values = _regressed(named, slots, terms, fitted, axis=axis, share=share)
+        if left < best[0]:
+            best = left, values
+    return best[1]
+
+
+def _regressed(
+    named: Sequence[tuple[str, Number]],
+    slots: Sequence[Sequence[int]],
+    terms: Sequence[Term],
+    fitted: Sequence[Segment],
+    *,
+    axis: bool,
+    share: float,
+) -> tuple[float, dict[str, float]]:
+    """What the equation of motion leaves, and the values by key.
+
+    ``share``: of the largest speed, over which friction at rest falls.
+    """
     sine = any(t.fixed for t in terms)
-    has_mass = any(n.name == 'mass' for n in numbers)
-    rows, targets = [], []
+    has_mass = any(name == 'mass' for name, _ in named)
+    rows, targets, fastest = [], [], 0.0
     for segment in fitted:
-        motion = _motion(segment)
-        edge = slice(segment.measured.size // 50, -max(segment.measured.size // 50, 1))
-        columns = [_column(s, motion, sine)[edge] for s in slots]
+        corner = _corner(segment, axis=axis and has_mass)
+        sections = signal.butter(4, corner, fs=1.0 / segment.period, output='sos')
+        motion = _motion(segment, sections)
+        speed = motion[1]
+        inside = np.zeros(speed.size, np.bool_)
+        inside[speed.size // 50 : -max(speed.size // 50, 1)] = True
         drive = np.concatenate([segment.drive[:, 0], segment.drive[-1:, -1]])
-        rows.append(np.stack(columns, axis=1))
-        targets.append((drive if has_mass else drive - motion[2])[edge])
+        fastest = max(fastest, float(np.max(np.abs(speed[inside]))))
+        columns = []
+        for s in slots:
+            if axis and s == (at.STATIC_EXCESS,):
+                column = np.sign(speed) * np.exp(-((speed / (share * fastest)) ** 2))
+            elif axis and s == (at.STRIBECK_SPEED,):
+                continue
+            else:
+                column = _column(s, motion, sine)
+            columns.append(column)
+        if axis and has_mass:
+            # What friction holds at rest is not what it is in motion. Forces that jump go through
+            # the filter that the motion has gone through.
+            inside &= np.abs(speed) > STANDS * fastest
+            kept = [s for s in slots if s != (at.STRIBECK_SPEED,)]
+            columns = [
+                signal.sosfiltfilt(sections, c) if set(s) & _ROUGH else c
+                for s, c in zip(kept, columns, strict=True)
+            ]
+            drive = signal.sosfiltfilt(sections, drive)
+        rows.append(np.stack(columns, axis=1)[inside])
+        targets.append((drive if has_mass else drive - motion[2])[inside])
     matrix, target = np.concatenate(rows), np.concatenate(targets)
     size = np.linalg.norm(matrix, axis=0)
     if not np.all(size > 0.0):
-        return {}
-    solution = np.linalg.lstsq(matrix / size, target, rcond=None)[0] / size
-    return {
+        return math.inf, {}
+    told = [n for s, n in zip(slots, named, strict=True) if s != (at.STRIBECK_SPEED,) or not axis]
+    if axis:
+        # open loop, a damping below zero would run away
+        least = [max(n.lower, 0.0) if name == 'damping' else n.lower for name, n in told]
+        bounds = np.array(least) * size, np.array([n.upper for _, n in told]) * size
+        solution = optimize.lsq_linear(matrix / size, target, bounds).x / size
+    else:
+        solution = np.linalg.lstsq(matrix / size, target, rcond=None)[0] / size
+    values = {
         name: float(np.clip(value, n.lower, n.upper))
-        for (name, n), value in zip(named, solution, strict=True)
+        for (name, n), value in zip(told, solution, strict=True)
     }
+    for s, (name, n) in zip(slots, named, strict=True):
+        if axis and s == (at.STRIBECK_SPEED,):
+            values[name] = float(np.clip(share * fastest, n.lower, n.upper))
+    return float(np.sum((target - matrix @ solution) ** 2)), values
