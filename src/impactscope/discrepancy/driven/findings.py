@@ -16,7 +16,11 @@ from impactscope.discrepancy.evidence import probabilities
 
 __all__ = ['STATED', 'findings_of', 'modal_finding', 'unknown_finding', 'wrong_parameters']
 
-STATED = (('stiffness', 'stiffness'), ('moving_mass', 'mass'))  # in campaigns and in fits
+STATED = (
+    ('stiffness', 'stiffness'),
+    ('moving_mass', 'mass'),
+    ('damping', 'damping'),
+)  # in campaigns and in fits
 APART = 0.3  # relative difference of two numbers that is to be excluded
 REFUSED = 0.5  # probability of what a criterion may like and the rule against chance refuses
 EXCESS = 0.2  # of friction at rest over that in motion, likewise
@@ -161,6 +165,13 @@ def _parameters(term: Term, made: Fit) -> dict[str, ParameterEstimate]:
         order, both = filter_of(term)
         found['order'] = ParameterEstimate(float(order), 0.0, '1')
         found['zero_phase'] = ParameterEstimate(float(both), 0.0, 'bool')
+    if term.name == 'hysteresis' and 'closing' in found:
+        parts = [found[n] for n in ('closing', 'leaning') if n in found]
+        rate = sum(float(e.value) for e in parts)
+        if rate > 0.0:  # else it never slips
+            std = math.hypot(*(e.std for e in parts)) / rate**2
+            unit = parts[0].unit.removeprefix('1/')
+            found['yield_displacement'] = ParameterEstimate(1.0 / rate, std, unit)
     if term.name == 'wrong_parameter':
         excess = found.pop('excess')
         found['name'] = ParameterEstimate('gain', 0.0, 'text')

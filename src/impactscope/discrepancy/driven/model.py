@@ -145,10 +145,11 @@ class OscillatorModel:
         for term in terms:
             if term.fixed:
                 enter(p, term.fixed)
-        if p[at.SHARE] > 0.0 and p[at.YIELD] > 0.0:
+        if p[at.SHARE] > 0.0:
             p[at.HYSTERESIS_STIFFNESS] = p[at.SHARE] * p[at.STIFFNESS]
             p[at.STIFFNESS] -= p[at.HYSTERESIS_STIFFNESS]
-            p[at.HYSTERESIS_CLOSING] = p[at.HYSTERESIS_LEANING] = 0.5 / p[at.YIELD]
+            if p[at.YIELD] > 0.0:
+                p[at.HYSTERESIS_CLOSING] = p[at.HYSTERESIS_LEANING] = 0.5 / p[at.YIELD]
         if p[at.BASE_MASS] > 0.0:
             omega = 2.0 * math.pi * p[at.BASE_FREQUENCY]
             p[at.BASE_STIFFNESS] = p[at.BASE_MASS] * omega**2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.mechanics import Sizes, mechanical_terms
 from impactscope.discrepancy.driven.model import AT_REST, OscillatorModel, Segment, inside_samples
-from impactscope.discrepancy.driven.recordings import Cut, derivative_of, first_state
-from impactscope.discrepancy.driven.terms import Number
+from impactscope.discrepancy.driven.recordings import Cut, derivative_of, first_state, rests
+from impactscope.discrepancy.driven.terms import Number, Term
 
 __all__ = ['linear_oscillator', 'reversed_channels']
 
@@ -21,6 +22,7 @@ Array = NDArray[np.float64]
 
 STEP_ANGLE = 0.4  # rad of the natural oscillation in a sub-step: phase error 2e-4 rad a radian
 MOST_STEPS = 16
+FIRST = 24  # samples of an axis that tell whether it begins at rest
 QUARTER = 0.25  # of a cycle is used to find the state at the first sample
 REVERSED = 0.6  # of what the right sign leaves, below which a sign is taken for wrong
 DAMPING_RATIOS = (0.005, 0.02, 0.08, 0.3, 0.9)
@@ -70,8 +72,20 @@ def linear_oscillator(
         angle=angle,
         offset_channel=cuts[0].channel if free else cuts[0].drive_channel,
     )
+    terms = tuple(_shared(t) if t.name == 'hysteresis' else t for t in terms)
     full = OscillatorModel(model.numbers, terms, free, sizes.position, sizes.speed)
     return full, segments, made
+
+
+def _shared(term: Term) -> Term:
+    """Hysteresis as a share of the baseline's stiffness that yields.
+
+    A yielding spring beside the whole stiffness would start far off resonance, in another valley.
+    """
+    share = Number('share', '1', (0.5, 0.15), 0.1, 0.0, 1.0)
+    numbers = tuple(share if n.name == 'stiffness' else n for n in term.numbers)
+    equation = term.equation.replace('s h with', '(1 - a) k x + a k h with')
+    return dataclasses.replace(term, numbers=numbers, equation=equation)
 
 
 def _segment(cut: Cut, steps: int, period_samples: float, *, spring: bool, held: bool) -> Segment:
@@ -90,9 +104,11 @@ def _segment(cut: Cut, steps: int, period_samples: float, *, spring: bool, held:
     if derivative == 0:
         width = 20 if cut.drive is None else round(QUARTER * period_samples)
         state = first_state(cut.output, period, width)
-        rests = np.max(np.abs(cut.output[:4])) < AT_REST * np.max(np.abs(cut.output))
-        if rests and cut.drive is not None and spring:
+        near = np.max(np.abs(cut.output[:4])) < AT_REST * np.max(np.abs(cut.output))
+        if near and cut.drive is not None and spring:
             state = (0.0, 0.0)  # quieter than any estimate from a few samples
+        elif cut.drive is not None and not spring and rests(cut.output, FIRST):
+            state = (state[0], 0.0)
     elif derivative == 1:
         state = (0.0, float(cut.output[0]))
     return Segment(

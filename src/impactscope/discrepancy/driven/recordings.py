@@ -18,12 +18,13 @@ from impactscope.discrepancy.campaign import (
 )
 from impactscope.errors import InputError, MissingChannelError
 
-__all__ = ['Cut', 'cuts', 'derivative_of', 'first_state']
+__all__ = ['Cut', 'cuts', 'derivative_of', 'first_state', 'rests']
 
 Array = NDArray[np.float64]
 
 LEAST_SAMPLES = 64
 LEAST_WIDTH = 10  # samples from which a speed is taken
+SETS_OFF = 15.0  # F of a speed at the first sample, from which a recording begins in motion
 BENDS = 9.0  # F of a cubic against a parabola, from which a motion bends too much for it
 MOST_SAMPLES = 30_000  # of all fitted recordings together: more would only take longer
 _DERIVATIVES = {'m/s': 1, 'rad/s': 1, 'm/s^2': 2, 'rad/s^2': 2}
@@ -209,3 +210,21 @@ def first_state(samples: Array, period: float, width: int) -> tuple[float, float
         if width <= LEAST_WIDTH or (left - rest) * (width - 4) < BENDS * rest:
             return float(parabola[2]), float(parabola[1] / (width * period))
         width = max(LEAST_WIDTH, round(0.7 * width))
+
+
+def rests(samples: Array, width: int) -> bool:
+    """Whether a motion may begin at rest: a constant acceleration from zero speed explains it.
+
+    By the first ``width`` samples. A speed that is not clearly there is none: wrong by its scatter
+    it would move a mass without spring for as long as its friction takes to stop it.
+    """
+    width = max(8, min(width, samples.size))
+    time = np.arange(width) / width
+    part = samples[:width]
+    still = np.stack([np.ones(width), time**2, time**3], axis=1)
+    moving = np.column_stack([still, time])
+    left = [
+        float(np.sum((part - m @ np.linalg.lstsq(m, part, rcond=None)[0]) ** 2))
+        for m in (still, moving)
+    ]
+    return (left[0] - left[1]) * (width - 4) < SETS_OFF * (left[1] + 1e-300)
