@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from impactscope.discrepancy.driven.decide import Judge
-from impactscope.discrepancy.driven.fitting import Fit, fit
+from impactscope.discrepancy.driven.fitting import Fit, fit, numbers_of
 from impactscope.discrepancy.driven.looks import HOPE, Prospect, looks, prospects
 from impactscope.discrepancy.driven.measuring import before_sampling, filter_of
 from impactscope.discrepancy.driven.model import Model, Segment
@@ -31,7 +31,8 @@ FITTED = 9  # candidates that are fitted at the first step; half as many later
 CLOSE = 60.0  # chi-square within which a second model is kept beside the best
 DEPTH = 3
 TOLERANCE = 1e-6  # of chi-square, at which a trial fit ends
-EVALUATIONS = 15
+BRIEF, EVALUATIONS = 5, 15  # at first, and then where it is worth it
+LOST = 1000.0  # chi-square by which a fit is behind the best
 NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the best
 FAR = 10.0  # times the samples: chi-square from which a search goes on from what was found
 POLISHED = 'polished'
@@ -53,12 +54,20 @@ class _Fits:
 
     def __init__(self, model: Model, segments: Sequence[Segment], baseline: Fit) -> None:
         self.model, self.segments, self.baseline = model, segments, baseline
-        self.here = tangent(model, baseline, segments)
-        first = [
-            t for t in model.terms if t.name != 'low_pass_filter' or filter_of(t)[0] == FIRST_ORDER
-        ]
-        self.looks = looks(model, baseline, first, segments)
         self.known: dict[frozenset[str], Fit] = {_labels(baseline.terms): baseline}
+        self.look_around(baseline)
+
+    def look_around(self, place: Fit) -> None:
+        """Look at every candidate beside a fit, near which the search will be."""
+        self.place, self.here = place, tangent(self.model, place, self.segments)
+        first = [
+            t
+            for t in self.model.terms
+            if t.name != 'low_pass_filter' or filter_of(t)[0] == FIRST_ORDER
+        ]
+        self.looks = looks(self.model, place, first, self.segments)
+        # what is tuned in every fit; its derivatives change little from one to the next
+        self.tuned = -self.here.slopes[:, : len(numbers_of(self.model, self.baseline.terms))]
 
     def make(
         self,
@@ -79,17 +88,28 @@ class _Fits:
 
     def _fit(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
         scaled = tuple(_measured_by(t, initial) for t in terms)
-        values = {**base.values, **initial}
-        return fit(
-            self.model,
-            scaled,
-            self.segments,
-            values,
-            base.starts,
-            EVALUATIONS,
-            TOLERANCE,
-            -self.here.slopes,
-        )
+        values, starts = {**base.values, **initial}, base.starts
+        for evaluations in (BRIEF, EVALUATIONS):
+            made = fit(
+                self.model,
+                scaled,
+                self.segments,
+                values,
+                starts,
+                evaluations,
+                TOLERANCE,
+                self.tuned,
+            )
+            if made.evaluations < evaluations or self._behind(made):
+                break
+            values, starts = dict(made.values), made.starts
+        return made
+
+    def _behind(self, made: Fit) -> bool:
+        """Whether a fit is so far from the best that its last digits do not matter."""
+        best = min(self._misfit(f) for f in self.known.values())
+        excess = self._misfit(made) - best
+        return excess > max(LOST, 0.5 * (self._misfit(self.place) - best))
 
     def without(self, base: Fit, terms: tuple[Term, ...]) -> Fit:
         """The fit with fewer terms, from where the larger one has ended, too."""
@@ -167,6 +187,7 @@ def exact_search(
         start = fits.take(seed)
         if judge.gain(baseline, start).fitted > FAR * sum(s.measured.size for s in segments):
             beam = [start]
+            fits.look_around(start)
     for depth in range(DEPTH):
         grown: list[Fit] = []
         for base in beam:
@@ -200,7 +221,7 @@ def exact_search(
 def _grow(fits: _Fits, base: Fit, most: int) -> list[Fit]:
     """Fits with one term more; the friction family starts from its simplest member."""
     candidates = [look for look in fits.looks if all(look.term.stands_with(o) for o in base.terms)]
-    here = fits.here if base is fits.baseline else None
+    here = fits.here if base is fits.place else None
     ranked = prospects(fits.model, base, candidates, fits.segments, here)
     made: list[Fit] = []
     names: dict[str, int] = {}

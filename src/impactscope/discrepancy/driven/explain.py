@@ -13,7 +13,7 @@ from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import Campaign, CampaignKind
 from impactscope.discrepancy.driven.case import Case
 from impactscope.discrepancy.driven.chain import ChainModel, chain_case, linear_chain
-from impactscope.discrepancy.driven.decide import Judge
+from impactscope.discrepancy.driven.decide import Judge, noise_share
 from impactscope.discrepancy.driven.describe import describe
 from impactscope.discrepancy.driven.exact import exact_search
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
@@ -28,6 +28,7 @@ from impactscope.discrepancy.driven.prescribed import linear_prescribed
 from impactscope.discrepancy.driven.recordings import Cut, cuts
 from impactscope.discrepancy.driven.search import Effort, Outcome, search
 from impactscope.discrepancy.driven.shaken import shaken_case, taken_over
+from impactscope.discrepancy.driven.spectral import counting_share
 from impactscope.discrepancy.driven.strangers import Stranger, Verdict, verdict
 from impactscope.discrepancy.driven.subject import Subject
 from impactscope.discrepancy.driven.terms import Term
@@ -51,6 +52,7 @@ AT_ALL_NOISE = 300.0  # the same under other forces, where a hum or a filter may
 # reduced chi-square below which what was taken for noise is not: signals that the motion was
 # thought to spare were counted in
 OVERSTATED = 0.5
+COARSE = 0.01  # of the output's power: more is searched for what is plain before the noise is read
 NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
 HOPELESS = 8.0  # reduced chi-square that no better knowledge of the noise brings down to it
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
@@ -79,9 +81,10 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     parts, model, segments, linear = _start(campaign, notes)
     answer: Answer | None = None
     sure = False
+    coarse = campaign.kind is CampaignKind.DRIVEN and _coarse(linear, segments)
     if campaign.kind is CampaignKind.DRIVEN and isinstance(model, OscillatorModel):
         answer, sure = _under_hammer(campaign, parts, model, segments, linear, tell)
-        if answer is None:
+        if answer is None and not coarse:
             answer, sure = _shaken(campaign, parts, model, segments, linear, tell)
     elif campaign.kind is CampaignKind.PRESCRIBED_MOTION:
         answer, sure = _moved(campaign, parts, notes, tell)
@@ -119,9 +122,10 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     )
     if modes is not None and not _prefer(modes.fit, outcome, judge):
         modes = None
-    if isinstance(model, OscillatorModel) and modes is None and outcome.believed:
+    if isinstance(model, OscillatorModel) and modes is None and (outcome.believed or coarse):
         tell(0.85, 'searching to the noise')
-        exact, sure = _shaken(campaign, parts, model, segments, linear, tell, outcome.best)
+        seed = outcome.best if outcome.believed else None
+        exact, sure = _shaken(campaign, parts, model, segments, linear, tell, seed)
         if exact is not None and sure:
             return exact
     tell(0.95, 'describing')
@@ -178,6 +182,18 @@ def _and_its_size(case: Case, best: Fit, said: Verdict) -> Verdict:
     return said
 
 
+def _coarse(linear: Fit, segments: Sequence[Segment]) -> bool:
+    """Whether a baseline leaves much of the signal that is not the sensor's white noise.
+
+    Noise cannot be read from that: whatever is missing would be taken for its colour.
+    """
+    return any(
+        np.mean(r**2) > COARSE * np.mean(s.measured**2) and noise_share(r, s.noise) < 0.5
+        for r, s in zip(linear.residuals, segments, strict=True)
+        if not s.held_out
+    )
+
+
 def _under_hammer(
     campaign: Campaign,
     parts: Sequence[Cut],
@@ -228,7 +244,8 @@ def _shaken(
     start = None if case is None else (seed or case.baseline)
     if case is None or start is None:
         return None, False
-    if not OVERSTATED < reduced(case.judge, start) < AT_ALL_NOISE:
+    least = OVERSTATED * counting_share([s.whitener for s in case.segments])
+    if not least < reduced(case.judge, start) < AT_ALL_NOISE:
         return None, False
 
     def anew(before: Case, found: Fit) -> Case | None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.discrepancy.driven.decide import Judge
+from impactscope.discrepancy.driven.decide import Judge, noise_share
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit, sensitivities
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.terms import Number, Term, key
@@ -28,6 +28,7 @@ Start = Callable[[Sequence[Number], Sequence[Term], Sequence[Segment]], Mapping[
 
 MOST_NUMBERS = 3  # that may be added to the baseline
 TIE = 2.0  # difference of two criteria that means nothing
+ALL_NOISE = 0.9  # of a residual's power
 BRIEF = 20  # evaluations after which it is seen which of two starts is better
 STRENGTHS = (0.2, 5.0)  # by how much a start may be stretched to what the projection asks for
 
@@ -205,6 +206,8 @@ def search(
         grown = list({id(f): f for f in [*grown, *others]}.values())
         grown.sort(key=lambda f: judge.criterion(f, baseline))
         beam = grown[: effort.beam]
+        if _only_noise(beam[0], segments):
+            break
         if depth > 0 and not any(judge.better(_best_parent(fits, f, judge), f) for f in beam):
             break
     everything = list(fits.known.values())
@@ -216,6 +219,12 @@ def search(
         best = _polish(fits, best)
     rivals = tuple(f for f in fits.known.values() if f is not best)
     return Outcome(baseline, best, rivals, len(best.terms) > len(baseline.terms))
+
+
+def _only_noise(made: Fit, segments: Sequence[Segment]) -> bool:
+    """Whether a fit leaves the sensor's noise alone: nothing more can be found in this way."""
+    pairs = zip(made.residuals, segments, strict=True)
+    return all(noise_share(r, s.noise) > ALL_NOISE for r, s in pairs if not s.held_out)
 
 
 def _plainest(fits: Sequence[Fit], judge: Judge, baseline: Fit) -> Fit:

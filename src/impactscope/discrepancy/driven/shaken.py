@@ -27,7 +27,7 @@ from impactscope.discrepancy.driven.model import OscillatorModel, Segment, insid
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge, innovations
 from impactscope.discrepancy.driven.plate_laws import plate_laws
 from impactscope.discrepancy.driven.recordings import Cut
-from impactscope.discrepancy.driven.spectral import fitted_colour, levels, whitening
+from impactscope.discrepancy.driven.spectral import fitted_colour, levels, stepped, whitening
 from impactscope.discrepancy.driven.terms import Number, Term
 from impactscope.discrepancy.driven.whitening import HammerForce, whitener
 
@@ -39,8 +39,11 @@ ROUNDS = 3
 MOST = 60  # evaluations
 LONGEST = 1 << 17  # samples of a whitening filter
 MOVING = 20.0  # chi-square by which a recording begins in motion
+ASIDE = 1e-3  # of position and speed, by which a beginning is moved
+FAR = 1e4  # reduced chi-square that tells nothing of how recordings begin
 BETTER = 25.0  # chi-square by which another course between samples is believed
 ALIKE = 6.0  # chi-square within which it stands before an effect of the chain
+FINEST_STEP = 4e-7  # of the range, as fine as single precision
 QUIET = 30.0  # times the noise: where the spectrum of a prediction is quiet
 ENOUGH = 0.2  # of the lines must be quiet
 ALONE = 10.0  # times the noise: a sample that stands out
@@ -112,7 +115,7 @@ def shaken_case(
                 drive=s.drive
                 if cut.drive is None and cut.output.size == s.measured.size
                 else _course(cut, steps, 'held' if held else 'band'),
-                state=s.state if model.free else (0.0, 0.0),
+                state=s.state if model.free or model.drifts else (0.0, 0.0),
                 whitener=None,
             )
             for s, cut in zip(segments, parts, strict=True)
@@ -129,11 +132,15 @@ def shaken_case(
         ready, spectra = _whitened(parts, ready, best, forces)
         if not spectra:
             return None
-        if found is None:
-            linear = _in_motion(linear, ready, base)
-            base = best = fit(
-                dataclasses.replace(linear, terms=()), (), ready, base.values, tolerance=FINE
-            )
+        if found is not None:
+            linear = _in_motion(linear, ready, best)
+            continue
+        if model.drifts and _chi_square(ready, base) > FAR * _counted(ready):
+            break  # where it begins is seen once what is missing is known
+        linear = _in_motion(linear, ready, base)
+        base = best = fit(
+            dataclasses.replace(linear, terms=()), (), ready, base.values, tolerance=FINE
+        )
     if found is None and not held and not model.free:
         ready, base = _between(parts, linear, ready, base)
     if found is None:
@@ -196,6 +203,7 @@ def _whitened(
 ) -> tuple[list[Segment], list[Array]]:
     """Segments with their whitening filters, and the share of the force's noise by frequency."""
     done = list(ready)
+    drifts = 'stiffness' not in made.values
     shares: list[Array] = [np.zeros(0)] * len(done)
     for channel in dict.fromkeys(s.channel for s in ready):
         mine = [i for i, s in enumerate(ready) if s.channel == channel]
@@ -214,6 +222,9 @@ def _whitened(
         rings = _gain(made, s.derivative, math.pi * place / s.period)
         rings = rings * float(np.mean([moves[i] for i in told]))
         white, force, colour = _noise(place, level, loud, rings, force, size)
+        steps = min(_step(ready[i].measured) for i in told) if drifts else 0.0
+        if steps > 0.0:
+            white, colour = max(white, steps**2 / 12.0), None
         if math.isfinite(stated) and stated > 0.0:
             white, colour = stated**2, None
         if not white > 0.0:
@@ -240,9 +251,22 @@ def _whitened(
             known = forces[i]
             if known is not None and known.error is not None and colour is None:
                 filtering = _along(made, ready[i], math.sqrt(white), known.error)
+            repeated = stepped(ready[i].measured, math.sqrt(white)) if steps > 0.0 else None
+            if repeated is not None:
+                filtering = repeated
             done[i] = dataclasses.replace(ready[i], noise=math.sqrt(total), whitener=filtering)
             shares[i] = rung / (own + rung)
     return done, shares
+
+
+def _step(samples: Array) -> float:
+    """Step of a reading some of whose samples repeat the one before; 0 where none do."""
+    change = np.abs(np.diff(samples))
+    if np.all(change > 0.0):
+        return 0.0
+    few = change[change > 0.0]
+    step = float(np.min(few)) if few.size else 0.0
+    return step if step > FINEST_STEP * float(np.max(np.abs(samples))) else 0.0
 
 
 def _along(
@@ -321,15 +345,16 @@ def _in_motion(linear: ShakenModel, ready: Sequence[Segment], base: Fit) -> Shak
     if linear.free:
         return linear
     moving = set(linear.moving)
-    values, still = base.values, np.zeros(2)
+    values, terms = base.values, base.terms
     for i, s in enumerate(ready):
         if _name(s) in moving:
             continue
         rest = innovations(s, base.residuals[i])
-        none = linear.predict(values, (), still, s)
+        none = linear.predict(values, terms, np.array(s.state), s)
         columns = []
         for begin in ((linear.position_scale, 0.0), (0.0, linear.speed_scale)):
-            moved = linear.predict(values, (), np.array(begin), s)
+            small = np.array(s.state) + ASIDE * np.array(begin)
+            moved = linear.predict(values, terms, small, s)
             columns.append(innovations(s, moved - none))
         answer = np.stack(columns, axis=1)
         factors = np.linalg.lstsq(answer, rest, rcond=1e-9)[0]
@@ -365,6 +390,10 @@ def _between(
 def _chi_square(segments: Sequence[Segment], made: Fit) -> float:
     pairs = zip(segments, made.residuals, strict=True)
     return float(sum(np.sum(innovations(s, r) ** 2) for s, r in pairs if not s.held_out))
+
+
+def _counted(segments: Sequence[Segment]) -> int:
+    return sum(s.measured.size for s in segments if not s.held_out)
 
 
 def _muffled(

@@ -17,7 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, optimize, signal
 
-__all__ = ['Spectral', 'fitted_colour', 'levels', 'whitening']
+__all__ = [
+    'Spectral',
+    'Stepped',
+    'counting_share',
+    'fitted_colour',
+    'levels',
+    'stepped',
+    'whitening',
+]
 
 Array = NDArray[np.float64]
 
@@ -50,6 +58,41 @@ class Spectral:
         if self.weight is not None:
             out = out * self.weight
         return np.asarray(out)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stepped:
+    """Turns a residual into units of its noise where a coarse reading stays as it is.
+
+    What the steps of an encoder leave is the same error as long as the reading does not change:
+    a run of equal readings tells as much as one of them.
+    """
+
+    noise: float
+    weight: Array  # square root of what each sample counts, (n,)
+
+    def __call__(self, residual: Array) -> Array:
+        """Innovations, shape (n,)."""
+        return np.asarray(residual * self.weight / self.noise)
+
+    @property
+    def share(self) -> float:
+        """Samples that count, of all."""
+        return float(np.mean(self.weight**2))
+
+
+def stepped(samples: Array, noise: float) -> Stepped | None:
+    """The weights of samples some of which repeat the one before; None where none do."""
+    changes = np.flatnonzero(np.diff(samples) != 0.0) + 1
+    if changes.size + 1 == samples.size:
+        return None
+    lengths = np.diff(np.concatenate([[0], changes, [samples.size]]))
+    return Stepped(noise, np.repeat(1.0 / np.sqrt(lengths), lengths))
+
+
+def counting_share(filters: Sequence[object]) -> float:
+    """Samples that count, of all, where encoders' readings repeat."""
+    return min((f.share for f in filters if isinstance(f, Stepped)), default=1.0)
 
 
 def whitening(power: Array, weight: Array | None = None) -> Spectral:
