@@ -1,0 +1,178 @@
+"""Axes in closed loop whose encoder steps, and a spring that yields."""
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
+from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.recordings import rests
+from impactscope.discrepancy.driven.spectral import counting_share, stepped, whitening
+
+RATE, FINE = 500.0, 200
+MASS, DAMPING, STEP = 60.0, 150.0, 5e-6
+STIFF, SPEED_GAIN = 25.0, 1800.0  # of the controller, 1/s and N s/m
+
+
+def course(seconds, amplitude, rng):
+    """Points with smooth moves between them and short rests."""
+    made = [np.zeros(10)]
+    place = 0.0
+    while sum(m.size for m in made) < seconds * RATE:
+        aim = rng.uniform(-1.0, 1.0) * amplitude
+        s = np.linspace(0.0, 1.0, int(RATE * rng.uniform(0.4, 0.9)))
+        made.append(place + (aim - place) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
+        made.append(np.full(int(0.15 * RATE), aim))
+        place = aim
+    return np.concatenate(made)[: int(seconds * RATE)]
+
+
+def axis(reference, friction):
+    """Encoder positions and commanded forces; exact sliding at small steps, friction implicit."""
+    step = 1.0 / (RATE * FINE)
+    keep = np.exp(-step * DAMPING / MASS)
+    push = (1.0 - keep) / DAMPING
+    x = v = speed = last = 0.0
+    positions, forces = [], []
+    for wanted in reference:
+        read = STEP * round(x / STEP)
+        speed += 0.5 * ((read - last) * RATE - speed)
+        last = read
+        force = SPEED_GAIN * (STIFF * (wanted - read) - speed)
+        positions.append(read)
+        forces.append(force)
+        for _ in range(FINE):
+            free = keep * v + push * force
+            new = np.sign(free) * max(abs(free) - push * friction, 0.0)
+            x += 0.5 * step * (v + new)
+            v = new
+    return np.array(positions), np.array(forces)
+
+
+def closed_loop(seed, friction=0.0, sensor=None):
+    rng = np.random.default_rng(seed)
+    channels, entries = {}, []
+    for i in range(3):
+        file = f'r{i}.mcap'
+        reference = course(4.0, 0.05, rng)
+        positions, forces = axis(reference, friction)
+        entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
+        channels[file] = {
+            n: ChannelSamples(n, u, RATE, 0.0, samples)
+            for n, u, samples in (
+                ('displacement.axis', 'm', positions),
+                ('displacement.reference', 'm', reference),
+                ('force.drive', 'N', forces),
+            )
+        }
+    data = {
+        'version': 1,
+        'bench': {
+            'kind': 'driven',
+            'input': 'force.drive',
+            'outputs': ['displacement.axis'],
+            'reference': 'displacement.reference',
+            'controller': {'kp': STIFF, 'kv': SPEED_GAIN},
+        },
+        'model': {'restoring': 'none'},
+        'baseline': ['linear_mass_damper'],
+        'sensor': sensor or {},
+        'recordings': entries,
+    }
+    return parse_campaign(data).with_samples(channels.__getitem__)
+
+
+def test_nothing_is_missing_on_an_axis_whose_encoder_steps():
+    answer = explain_driven(closed_loop(1))
+    assert answer.accepted == ()
+    mass = answer.extended_parameters['mass']
+    assert abs(mass.value - MASS) < 4.0 * mass.std
+
+
+def test_dry_friction_of_an_axis():
+    answer = explain_driven(closed_loop(2, friction=12.0))
+    assert answer.accepted == ('coulomb_friction',)
+    force = answer.findings[0].parameters['force']
+    assert abs(force.value - 12.0) < 4.0 * force.std + 0.01
+    floor = answer.fit.noise_floor['displacement.axis']
+    assert answer.fit.extended.held_out_rmse['displacement.axis'] < 1.5 * floor
+
+
+def test_a_stated_damping_that_is_wrong():
+    answer = explain_driven(closed_loop(3, sensor={'moving_mass': MASS, 'damping': 200.0}))
+    assert answer.accepted == ('wrong_parameter',)
+    found = answer.findings[0].parameters
+    assert found['name'].value == 'damping'
+    assert found['ratio'].value == pytest.approx(0.75, rel=0.01)
+
+
+def test_what_begins_at_rest():
+    time = np.arange(40) / RATE
+    noise = 1e-6 * np.random.default_rng(4).standard_normal(40)
+    assert rests(0.3 + 2.0 * time**2 + noise, 24)
+    assert not rests(0.3 + 0.01 * time + noise, 24)
+
+
+def test_a_reading_that_stays_tells_once():
+    samples = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 2.0])
+    filtering = stepped(samples, 0.5)
+    power = filtering(np.ones(7)) ** 2
+    np.testing.assert_allclose([power[:4].sum(), power[4], power[5:].sum()], 4.0)
+    assert filtering.share == pytest.approx(3.0 / 7.0)
+    assert counting_share([filtering, whitening(np.ones(9))]) == pytest.approx(3.0 / 7.0)
+    assert stepped(np.arange(5.0), 0.5) is None
+
+
+def bouc_wen(force, rate):
+    """Positions, Runge and Kutta of order 4, ``force`` with 20 values in a sample."""
+
+    def slopes(state, u):
+        y, v, z = state
+        hidden = 5e4 * v - 1e3 * (0.8 * abs(v) * z - 1.1 * v * abs(z))
+        return np.array([v, (u - 5e4 * y - 10.0 * v - z) / 2.0, hidden])
+
+    state, found, h = np.zeros(3), [], 1.0 / (10.0 * rate)
+    for k in range(0, force.size - 2, 2):
+        if k % 20 == 0:
+            found.append(state[0])
+        one = slopes(state, force[k])
+        two = slopes(state + 0.5 * h * one, force[k + 1])
+        three = slopes(state + 0.5 * h * two, force[k + 1])
+        four = slopes(state + h * three, force[k + 2])
+        state = state + h / 6.0 * (one + 2.0 * two + 2.0 * three + four)
+    return np.array(found)
+
+
+def test_the_benchmark_of_bouc_and_wen():
+    """Noël and Schoukens (2016), with their numbers: half of the stiffness yields."""
+    rate, count = 750.0, 2048
+    channels = {}
+    for i in range(2):
+        rng = np.random.default_rng(10 + i)
+        lines = np.fft.rfftfreq(count, 1.0 / rate)
+        band = (lines > 5.0) & (lines < 150.0)
+        spectrum = np.zeros(10 * count + 1, complex)
+        spectrum[: lines.size][band] = np.exp(2j * np.pi * rng.random(np.count_nonzero(band)))
+        force = np.fft.irfft(spectrum, 20 * count)
+        force *= 50.0 / np.std(force)
+        force *= np.clip(np.arange(force.size) / 2000.0, 0.0, 1.0)
+        moved = bouc_wen(force, rate)
+        channels[f'r{i}.mcap'] = {
+            'force.shaker': ChannelSamples(
+                'force.shaker', 'N', rate, 0.0, force[::20][: moved.size]
+            ),
+            'displacement.mass': ChannelSamples('displacement.mass', 'm', rate, 0.0, moved),
+        }
+    data = {
+        'version': 1,
+        'bench': {'kind': 'driven', 'input': 'force.shaker', 'outputs': ['displacement.mass']},
+        'baseline': ['linear_sensor'],
+        'recordings': [{'file': 'r0.mcap'}, {'file': 'r1.mcap', 'role': 'hold_out'}],
+    }
+    answer = explain_driven(parse_campaign(data).with_samples(channels.__getitem__))
+    assert answer.accepted[0] == 'hysteresis'
+    found = answer.findings[0].parameters
+    assert found['share'].value == pytest.approx(0.5, abs=0.05)
+    held_out = next(t for t in answer.traces if t.held_out)
+    left = float(np.sqrt(np.mean((held_out.measured - held_out.extended) ** 2)))
+    assert left < 2e-5  # of 6.6e-4 m
