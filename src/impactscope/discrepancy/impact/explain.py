@@ -63,6 +63,10 @@ def _answer(
     direct = _direct_findings(data)
     accepted = list(outcome.accepted)
     unexplained, description = _unexplained(outcome, thresholds)
+    seen = bool(direct)
+    if not unexplained:  # what was fitted knows more than what was seen
+        fitted = {(c.name, c.channel) for c in accepted}
+        direct = [f for f in direct if (f.name, f.channel) not in fitted]
     traces, strips = pictures(outcome)
     findings = ranked(outcome, accepted)
     found = [c.name for c in accepted] + [f.name for f in direct]
@@ -85,7 +89,7 @@ def _answer(
     regions = locate(strips, thresholds.false_region) if detected else ()
     regions = (*_clipped_regions(data), *regions)
     subsystems = dict.fromkeys(f.subsystem for name in found for f in ranking if f.name == name)
-    p_value = min(outcome.p_value, 0.0 if direct else 1.0)
+    p_value = min(outcome.p_value, 0.0 if seen else 1.0)
     if unexplained and outcome.tests is not None:
         p_value = min(p_value, outcome.tests.p_value)
     return Answer(

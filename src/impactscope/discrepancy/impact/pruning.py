@@ -165,8 +165,9 @@ def _relatives(
         if not better:
             continue
         best = max(better, key=lambda t: t.gain)
-        if best.gain < _PROMISING * mine.gain and without.reduced < _LOST:
-            continue  # tried at numbers that are bent, a trial says nothing
+        bent = without.reduced > _LOST and not candidate.channel
+        if best.gain < _PROMISING * mine.gain and not bent:
+            continue  # tried at numbers that are bent, a trial says nothing of a force
         item = _instead(outcome, mine, rest, candidate, best.model.values(best.x))
         if item is not None:
             found.append(item)

@@ -33,6 +33,7 @@ from impactscope.discrepancy.impact.follow import (
     with_repeatability,
 )
 from impactscope.discrepancy.impact.held_out import check_held_out
+from impactscope.discrepancy.impact.late_channels import with_late_channel
 from impactscope.discrepancy.impact.model import Layout
 from impactscope.discrepancy.impact.outcome import (
     QUIET,
@@ -160,6 +161,7 @@ class Search:
         tried = [(c, fit_baseline(c.extend(baseline.model))) for c in listed if not c.free]
         if 'contact.stiffness' in baseline.values and baseline.reduced > _LOST:
             tried += from_taps(baseline, self.baseline_names)
+        tried += with_late_channel(baseline, self.baseline_names)
         for candidate, other in tried:
             if other.layout.size < _SHORTER * baseline.layout.size:
                 continue
