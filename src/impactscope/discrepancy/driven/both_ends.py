@@ -22,6 +22,7 @@ from impactscope.discrepancy.driven.case import Settled
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.measuring import power_passed
 from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.rounding import Rounding, rounding_of
 from impactscope.discrepancy.driven.terms import Term
 
 __all__ = ['BothEnds', 'both_noises', 'settled_ends']
@@ -87,6 +88,7 @@ class BothEnds:
     passed: Array  # variance that comes from the input where filters act and pass all
     input: Array  # variance that comes from the input in all
     output: float  # variance of the output's own noise
+    rounding: Rounding | None = None
 
     @staticmethod
     def of(segment: Segment, into: float, out: float, gain: float) -> tuple[BothEnds, Array]:
@@ -107,6 +109,7 @@ class BothEnds:
         seen = np.fft.irfft(np.where(clear, spectrum, 0.0), n) + ramp
         still = np.fft.irfft(np.where(clear | faint, 0.0, spectrum), n)
         noise = BothEnds(out + other + doubt, passed, passed + other, out)
+        noise = dataclasses.replace(noise, rounding=rounding_of(whole, noise.typical))
         # the quantity as both ends tell it: the input's noise alone would lower a gain
         known = whole + into / (into + out) * (segment.measured - whole)
         return noise, np.stack([seen, whole - seen, known if gain == 1.0 else whole, still])
@@ -118,6 +121,8 @@ class BothEnds:
 
     def __call__(self, residual: Array) -> Array:
         """A residual, shape (n,), in units of its noise."""
+        if self.rounding is not None:
+            residual = self.rounding(residual)
         level = np.sqrt(self.sensor + self.passed)
         return np.asarray(np.fft.irfft(np.fft.rfft(residual) / level, residual.size))
 
@@ -166,8 +171,11 @@ class _Known:
     """Noise by line where the quantity is known from both ends."""
 
     level: Array
+    rounding: Rounding | None
 
     def __call__(self, residual: Array) -> Array:
+        if self.rounding is not None:
+            residual = self.rounding(residual)
         return np.asarray(np.fft.irfft(np.fft.rfft(residual) / self.level, residual.size))
 
 
@@ -191,7 +199,8 @@ def settled_ends(model: Model, segments: Sequence[Segment]) -> Settled:
             drive[0] += np.fft.irfft(share * lines, n) / gain
             drive[2] = drive[0] + drive[1]
             rest = np.fft.irfft((1.0 - share) * lines, n)
-            whitener: Callable[[Array], Array] = _Known((1.0 - share) * np.sqrt(whole))
+            level = (1.0 - share) * np.sqrt(whole)
+            whitener: Callable[[Array], Array] = _Known(level, ends.rounding)
             known = dataclasses.replace(s, drive=drive, whitener=whitener)
             predicted = model.predict(made.values, made.terms, made.starts[i], known)
             better.append(dataclasses.replace(known, measured=predicted + rest))

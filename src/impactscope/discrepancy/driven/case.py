@@ -55,9 +55,12 @@ class Bands:
     above: float
     corner: float  # Hz
     period: float  # s
+    rounding: Callable[[Array], Array] | None = None  # of an input that rests
 
     def __call__(self, residual: Array) -> Array:
         """A residual, shape (n,), in units of its noise."""
+        if self.rounding is not None:
+            residual = self.rounding(residual)
         if abs(self.below - self.above) < EVEN * self.below:
             return residual / self.below
         spectrum = np.fft.rfft(residual)

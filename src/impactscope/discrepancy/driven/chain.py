@@ -40,6 +40,7 @@ from impactscope.discrepancy.driven.measuring import (
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge
 from impactscope.discrepancy.driven.recordings import Cut
+from impactscope.discrepancy.driven.rounding import rounding_of
 from impactscope.discrepancy.driven.terms import Number, Term
 
 __all__ = ['ChainModel', 'chain_case', 'linear_chain']
@@ -263,7 +264,12 @@ def chain_case(
         own = 0.0
     sigma = math.sqrt(below)
     ready = [
-        dataclasses.replace(s, noise=sigma, whitener=whitener, drive=_split(s, corner, between))
+        dataclasses.replace(
+            s,
+            noise=sigma,
+            whitener=dataclasses.replace(whitener, rounding=rounding_of(s.drive[0], sigma)),
+            drive=_split(s, corner, between),
+        )
         for s in segments
     ]
     judge = NoiseJudge(ready, _muffled(ready, own, corner))
