@@ -35,7 +35,8 @@ _KEPT = {  # parameters that are not fitted: nothing on this bench tells them
 _VANISHES = {'base_compliance': 'mass'}  # numbers at whose infinity an effect is absent
 _RINGS_ON = ('base_compliance',)  # effects with a motion of their own, which a tap excites
 _PULSE_KNOWN = 0.3  # relative, of a tap's duration
-_RINGS = tuple(float(f) for f in np.geomspace(30.0, 500.0, 9))  # Hz, where a part may ring
+_RINGS = tuple(float(f) for f in np.geomspace(20.0, 600.0, 25))  # Hz, where a part may ring
+_MOST_STARTS = 32  # of a candidate
 _FILTERS = ((1, 0), (2, 0), (4, 0), (1, 1), (2, 1), (4, 1))  # order, zero phase, tried at first
 _ALL_FILTERS = tuple((order, zero_phase) for zero_phase in (0, 1) for order in (1, 2, 3, 4))
 _ORDER_DOUBT = 2.0  # for each order of a filter: the lowest that explains as much stands
@@ -156,6 +157,7 @@ class _Scene:
 def _resonances(fit: Fit, channel: str, count: int = 3) -> tuple[float, ...]:
     """Frequencies at which the residual of a channel is strongest, Hz."""
     total: Array | None = None
+    step = 0.2 / _LARGEST_FREQUENCY
     grid = np.geomspace(8.0, _LARGEST_FREQUENCY, 240)
     for i in fit.layout.blows:
         blow = fit.model.data.blows[i]
@@ -168,7 +170,9 @@ def _resonances(fit: Fit, channel: str, count: int = 3) -> tuple[float, ...]:
         if np.count_nonzero(after) < 32:
             continue
         x, t = np.clip(residual[after], -50.0, 50.0), time[after]
-        power = signal.lombscargle(t, x - np.mean(x), 2 * math.pi * grid)
+        even = np.interp(t[0] + step * np.arange(round(_RINGING / step)), t, x - np.mean(x))
+        spectrum = np.abs(np.fft.rfft(even, 4 * even.size)) ** 2
+        power = np.interp(grid, np.fft.rfftfreq(4 * even.size, step), spectrum)
         total = power if total is None else total + power
     if total is None:
         return ()
@@ -288,7 +292,7 @@ def _starts(
             values = p.start[:1]  # its strength is found by scaling
         lists.append(values)
     tag = kind.name
-    combinations = itertools.islice(itertools.product(*lists), 16)
+    combinations = itertools.islice(itertools.product(*lists), _MOST_STARTS)
     return tuple(
         {f'{tag}.{p.name}': v for p, v in zip(fitted, combination, strict=True)}
         for combination in combinations

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +25,13 @@ Array = NDArray[np.float64]
 
 _STEP = 0.02  # of a number's scale, for finite differences at most
 _FELT = 3.0  # norm of the change of all residuals that a step shall make
-_SETTLED = 0.02  # fall of chi-square below which a fit has converged
+_SETTLED = 0.02  # fall of chi-square, over its mean, below which a fit has converged
+_UPDATED = 3  # steps in a row for which slopes are brought up to date and not taken anew
+_STRAIGHT = (0.3, 1.7)  # fall over the expected one, within which they are
+_ROUGH = 1.0  # ``settled`` of fits on the way to others
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """A model with the numbers that fit best."""
 
@@ -36,9 +39,16 @@ class Fit:
     layout: Layout
     x: Array
     residuals: Array  # standardised, then priors
-    jacobian: Array  # of the residuals, shape (n_residuals, n_free)
     chi_square: float  # with priors
     converged: bool
+    slopes: Array | None = None  # sensitivities where they are known already
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """Sensitivities of the residuals, shape (n_residuals, n_free)."""
+        if self.slopes is not None:
+            return self.slopes
+        return jacobian(self.model, self.x, self.layout, self.residuals)
 
     @property
     def reduced(self) -> float:
@@ -118,16 +128,27 @@ def fit(
     *,
     iterations: int = 25,
     settled: float = _SETTLED,
+    near: Fit | None = None,
 ) -> Fit:
-    """The numbers that fit best, from ``start`` on."""
+    """The numbers that fit best, from ``start`` on.
+
+    ``settled``: fall of chi-square below which the fit has converged, in units of the reduced
+    chi-square that is left: where the model misses by far, digits of chi-square tell nothing.
+    ``near``: a fit close by, whose sensitivities serve for the first step.
+
+    Between full evaluations slopes are brought up to date by each step that went about as they
+    said (Broyden, Math. Comp. 19, 1965); before a fit counts as converged they are taken anew.
+    """
     x = model.start() if start is None else start.copy()
     lower, upper = model.bounds()
     x = np.clip(x, lower, upper)
     residuals = model.residuals(x, layout)
     cost = float(residuals @ residuals)
-    slopes = jacobian(model, x, layout, residuals)
-    fresh, damping, growth, converged = True, 1e-4, 2.0, False
+    slopes, updates = _first_slopes(model, layout, x, residuals, near)
+    damping, growth, converged = 1e-4, 2.0, False
     for _ in range(iterations):
+        # on the way a fit that misses by far has to go on, however slowly it comes nearer
+        enough = settled * (1.0 if settled >= _ROUGH else max(1.0, cost / max(layout.size, 1)))
         gradient = slopes.T @ residuals
         pinned = ((x <= lower) & (gradient > 0)) | ((x >= upper) & (gradient < 0))
         curvature = slopes.T @ slopes
@@ -143,11 +164,11 @@ def fit(
         trial = np.clip(x + step, lower, upper)
         step = trial - x
         expected = -float(2.0 * gradient @ step + step @ curvature @ step)
-        if expected < settled and damping <= 1.0:
-            if fresh or expected <= 0.0:
+        if expected < enough and damping <= 1.0:
+            if not updates:
                 converged = True
                 break
-            slopes, fresh = jacobian(model, x, layout, residuals), True
+            slopes, updates = jacobian(model, x, layout, residuals), 0
             continue
         try:
             moved = model.residuals(trial, layout)
@@ -157,35 +178,61 @@ def fit(
         fallen = cost - moved_cost
         if fallen > 0.0 and math.isfinite(moved_cost):
             ratio = fallen / max(expected, 1e-300)
+            change = moved - residuals
             x, residuals, cost = trial, moved, moved_cost
             damping *= max(1.0 / 5.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
             growth = 2.0
-            if 0.8 < ratio < 1.25 and fallen < 1e-3 * cost and fresh:
-                fresh = False  # the slopes still serve
-            else:
-                slopes, fresh = jacobian(model, x, layout, residuals), True
-            if fallen < settled and fresh:
+            if fallen < enough and not updates:
                 converged = True
                 break
+            if _STRAIGHT[0] < ratio < _STRAIGHT[1] and updates < _UPDATED:
+                slopes = _updated(slopes, step, change, model.scales())
+                updates += 1
+            else:
+                slopes, updates = jacobian(model, x, layout, residuals), 0
         else:
-            if not fresh:
-                slopes, fresh = jacobian(model, x, layout, residuals), True
+            if updates:
+                slopes, updates = jacobian(model, x, layout, residuals), 0
                 continue
             damping *= growth
             growth *= 2.0
             if damping > 1e8 or float(np.max(np.abs(step) / model.scales())) < 1e-7:
                 converged = True
                 break
-    if not fresh:
-        slopes = jacobian(model, x, layout, residuals)
-    return Fit(model, layout, x, residuals, slopes, cost, converged)
+    return Fit(model, layout, x, residuals, cost, converged, None if updates else slopes)
+
+
+def _updated(slopes: Array, step: Array, change: Array, scales: Array) -> Array:
+    """Slopes that give the change that a step has made, otherwise as they were."""
+    along = step / scales**2
+    return slopes + np.outer(change - slopes @ step, along / float(along @ step))
+
+
+def _first_slopes(
+    model: ImpactModel, layout: Layout, x: Array, residuals: Array, near: Fit | None
+) -> tuple[Array, int]:
+    """Slopes to begin with, and how often they count as updated: once where some are borrowed."""
+    if near is None or near.layout is not layout:
+        return jacobian(model, x, layout, residuals), 0
+    known = {f.key: j for j, f in enumerate(near.model.free)}
+    new = [
+        j
+        for j, f in enumerate(model.free)
+        if f.key not in known or near.model.free[known[f.key]] is not f
+    ]
+    slopes = jacobian(model, x, layout, residuals, only=new)
+    size = layout.size
+    old = np.setdiff1d(np.arange(x.size), np.array(new, dtype=np.int64))
+    place = np.array([known[model.free[j].key] for j in old], dtype=np.int64)
+    slopes[:size, old] = near.jacobian[:size, place]
+    slopes[np.ix_(size + old, old)] = near.jacobian[np.ix_(size + place, place)]
+    return slopes, 1
 
 
 def at_point(model: ImpactModel, layout: Layout, x: Array) -> Fit:
     """Residuals and sensitivities where nothing is fitted: at numbers found elsewhere."""
     residuals = model.residuals(x, layout)
-    slopes = jacobian(model, x, layout, residuals)
-    return Fit(model, layout, x, residuals, slopes, float(residuals @ residuals), False)
+    return Fit(model, layout, x, residuals, float(residuals @ residuals), False)
 
 
 def projector(slopes: Array) -> Array:

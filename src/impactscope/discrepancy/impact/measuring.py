@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 
@@ -70,11 +71,17 @@ def _low_pass(samples: Array, rate: float, numbers: Mapping[str, float]) -> Arra
     cutoff = numbers['cutoff']
     if cutoff >= 0.49 * rate:
         return samples
-    sections = signal.butter(round(numbers['order']), cutoff, fs=rate, output='sos')
+    sections, rest = _sections(round(numbers['order']), cutoff, rate)
     if numbers['zero_phase'] > 0.5:
         return np.asarray(signal.sosfiltfilt(sections, samples))
-    start = signal.sosfilt_zi(sections) * samples[0]
-    return np.asarray(signal.sosfilt(sections, samples, zi=start)[0])
+    return np.asarray(signal.sosfilt(sections, samples, zi=rest * samples[0])[0])
+
+
+@functools.lru_cache(maxsize=64)
+def _sections(order: int, cutoff: float, rate: float) -> tuple[Array, Array]:
+    """Sections of a filter, and their state at rest under a constant of one."""
+    sections = signal.butter(order, cutoff, fs=rate, output='sos')
+    return sections, signal.sosfilt_zi(sections)
 
 
 def softened(residual: Array, jump: Array, centres: Array, kinks: Array) -> Array:

@@ -126,6 +126,7 @@ class Layout:
     masks: Mapping[tuple[int, str], NDArray[np.bool_]]
     spans: Mapping[tuple[int, str], slice]
     blow_spans: Mapping[int, slice]
+    ends: Mapping[int, float]  # s, of the last bin of each blow
     size: int
 
     @property
@@ -145,12 +146,17 @@ class ImpactModel:
     caches: list[dict[bytes, tuple[Array, Array, NDArray[np.int64]]]] = field(
         default_factory=list, repr=False
     )
+    moments: list[dict[tuple[str, ...], tuple[Array, dict[str, NDArray[np.int64]]]]] = field(
+        default_factory=list, repr=False
+    )
     steps: dict[str, float] = field(default_factory=dict, repr=False)  # of finite differences
     whiteners: dict[bytes, Whitener] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         if not self.caches:
             self.caches = [{} for _ in self.data.blows]
+        if not self.moments:
+            self.moments = [{} for _ in self.data.blows]
 
     def extended(
         self,
@@ -205,10 +211,10 @@ class ImpactModel:
         count whole in all but the shortest windows, which for them begin when the hammer
         has gone; or ``taps`` s of them, where that is given.
         """
-        masks, spans, blow_spans, begin = {}, {}, {}, 0
+        masks, spans, blow_spans, ends, begin = {}, {}, {}, {}, 0
         for i in blows:
             blow = self.data.blows[i]
-            first = begin
+            first, ends[i] = begin, blow.onset
             length = window
             if blow.recording.kind == 'tap':
                 whole = math.inf if window > 0.02 else window
@@ -220,8 +226,10 @@ class ImpactModel:
                 masks[i, name] = mask
                 spans[i, name] = slice(begin, begin + count)
                 begin += count
+                if count:
+                    ends[i] = max(ends[i], float(channel.centres[mask][-1]))
             blow_spans[i] = slice(first, begin)
-        return Layout(tuple(blows), masks, spans, blow_spans, begin)
+        return Layout(tuple(blows), masks, spans, blow_spans, ends, begin)
 
     def residuals(self, x: Array, layout: Layout) -> Array:
         """Measured minus simulated over the noise, then the priors; shape (size + n_free,)."""
@@ -250,12 +258,7 @@ class ImpactModel:
     def blow_residuals(self, values: Mapping[str, float], i: int, layout: Layout) -> Array:
         """Standardised residuals of one blow in the order of the layout."""
         blow = self.data.blows[i]
-        window = max(
-            (float(c.centres[layout.masks[i, n]][-1]) for n, c in blow.channels.items()
-             if layout.masks[i, n].any()),
-            default=blow.onset,
-        )  # fmt: skip
-        prediction = self.predict(values, i, window)
+        prediction = self.predict(values, i, layout.ends[i])
         parts = []
         for name, channel in blow.channels.items():
             mask = layout.masks[i, name]
@@ -296,7 +299,10 @@ class ImpactModel:
         shifted = {n: e for n, e in chain.items() if any(k == 'clock_error' for k, _ in e)}
         whole = {n: e for n, e in chain.items() if any(k in _WHOLE for k, _ in e)}
         if shifted or whole:
-            times, where = moments_of(blow, shifted, whole)
+            kept = self.moments[i].get(tuple(whole)) if not shifted else None
+            times, where = kept or moments_of(blow, shifted, whole)
+            if not shifted:
+                self.moments[i][tuple(whole)] = times, where
         par = self.parameters(values, i)
         rows, event_times, event_kinds = self._solve(par, i, times, start, until)
         means = {}

@@ -50,6 +50,7 @@ class Outcome:
     last: list[Found] = field(default_factory=list)  # what was looked at and not accepted
     p_value: float = 1.0
     doubted: set[str] = field(default_factory=set)  # accepted because nothing else was noise
+    modes: list[Fit] = field(default_factory=list)  # about as good as the final fit
     looks: int = 1
     window: float = math.inf
     tests: Adequacy | None = None  # of what the final model leaves
@@ -104,7 +105,7 @@ def with_findings(outcome: Outcome, chosen: Sequence[Candidate], layout: Layout)
     fits = []
     for known in (outcome.final.values, outcome.baseline.values):
         x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
-        fits.append(fit(model, layout, x, settled=0.1))
+        fits.append(fit(model, layout, x, settled=0.1, near=outcome.final))
         if fits[-1].reduced < QUIET:
             break
     return min(fits, key=lambda f: f.chi_square)

@@ -128,6 +128,6 @@ def _fitted(current: Fit, both: Sequence[Trial], factors: Sequence[float]) -> Fi
         values.update(stronger(trial.candidate, trial.weak, strength))
     x = np.array([f.to_inner(values.get(f.key, f.start)) for f in model.free])
     try:
-        return fit(model, current.layout, x, settled=0.1)
+        return fit(model, current.layout, x, settled=0.1, near=current)
     except ImpactscopeError:
         return None

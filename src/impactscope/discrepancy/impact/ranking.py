@@ -11,11 +11,13 @@ from impactscope.discrepancy.evidence import Thresholds, probabilities
 from impactscope.discrepancy.impact.candidates import Candidate
 from impactscope.discrepancy.impact.estimates import estimates, stated_value
 from impactscope.discrepancy.impact.fit import Fit
+from impactscope.discrepancy.impact.modes import widened
 from impactscope.discrepancy.impact.outcome import QUIET, Found, Outcome
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
 __all__ = ['ranked', 'share_of_known', 'weaker']
 
+_FAR_UP = 0.6  # of a cut-off, pi times it over the sampling rate
 _AS_GOOD = 0.985  # of the evidence, of an explanation that is as good
 
 
@@ -42,6 +44,11 @@ def ranked(outcome: Outcome, accepted: Sequence[Candidate]) -> list[Finding]:
             elif share > thresholds.confusable * own or _nests(rival, mine) or _kin(rival, mine):
                 confused[name] = max(confused.get(name, 0.0), share)
         finding = _finding(candidate, outcome.final, own, tuple(confused), mine, held)
+        modes = [f for f in outcome.modes if f.layout is outcome.final.layout]
+        if modes and candidate.effects:
+            tag = candidate.effects[0].tag
+            numbers = widened(finding.parameters, tag, outcome.final, modes)
+            finding = dataclasses.replace(finding, parameters=numbers)
         first.append(_among_orders(finding, mine, rivals))
         for rival, share in zip(rivals, others, strict=True):
             if rival.candidate.label in seen or rival.candidate.name == candidate.name:
@@ -82,21 +89,30 @@ def _listed(gain: float) -> float:
 
 
 def _among_orders(finding: Finding, mine: Found, rivals: Sequence[Found]) -> Finding:
-    """A filter's cut-off with the uncertainty of its order, where the data leave that open."""
+    """A filter's cut-off with the uncertainty of order and form, where data leave them open."""
+    if finding.name != 'low_pass_filter':
+        return finding
     same = [
         r
         for r in rivals
-        if finding.name == 'low_pass_filter' == r.candidate.name
-        and finding.channel == r.candidate.channel
+        if r.candidate.name == finding.name and r.candidate.channel == finding.channel
     ]
-    if not same:
-        return finding
     key = f'low_pass_filter:{finding.channel}.cutoff'
     shares = probabilities([f.criterion for f in (mine, *same)])
     stated = finding.parameters['cutoff']
     cutoffs = [float(stated.value), *(r.fit.values[key] for r in same)]
     spread = sum(p * (f - cutoffs[0]) ** 2 for p, f in zip(shares, cutoffs, strict=True))
-    cutoff = ParameterEstimate(stated.value, math.hypot(stated.std, math.sqrt(spread)), 'Hz')
+    # far up only the delay is seen, of which a filter of samples has less than the analogue one
+    # of its cut-off, and nobody says which of the two stands in the channel
+    rate = next(
+        b.channels[finding.channel].sample_rate
+        for b in mine.fit.model.data.blows
+        if finding.channel in b.channels
+    )
+    angle = math.pi * cutoffs[0] / rate
+    form = cutoffs[0] * (math.tan(angle) / angle - 1.0) if angle > _FAR_UP else 0.0
+    std = math.hypot(float(stated.std), math.sqrt(spread), form)
+    cutoff = ParameterEstimate(stated.value, std if math.isfinite(std) else math.nan, 'Hz')
     return dataclasses.replace(finding, parameters={**finding.parameters, 'cutoff': cutoff})
 
 

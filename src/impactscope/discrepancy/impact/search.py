@@ -35,6 +35,7 @@ from impactscope.discrepancy.impact.follow import (
 from impactscope.discrepancy.impact.held_out import check_held_out
 from impactscope.discrepancy.impact.late_channels import with_late_channel
 from impactscope.discrepancy.impact.model import Layout
+from impactscope.discrepancy.impact.modes import other_modes
 from impactscope.discrepancy.impact.outcome import (
     QUIET,
     Found,
@@ -128,6 +129,10 @@ class Search:
         prune(outcome, self.thresholds, self.windows[1], self.progress)
         if outcome.final is not doubted:
             outcome.tests = None
+        if outcome.accepted:
+            final = outcome.final
+            final = fit(final.model, final.layout, final.x, near=final)
+            outcome.final, outcome.modes = other_modes(final, outcome.accepted)
         self._bare(outcome)
         return outcome
 
@@ -434,7 +439,7 @@ class Search:
                 continue
             known = item.fit.values
             x = np.array([f.to_inner(known[f.key]) for f in current.model.free])
-            again = fit(current.model, current.layout, x)
+            again = fit(current.model, current.layout, x, near=current)
             if again.chi_square < best.chi_square:
                 best = again
         if best is current:
@@ -482,7 +487,7 @@ class Search:
                 continue
             seen[kind] = seen.get(kind, 0) + 1
             try:
-                joint = fit(trial.model, current.layout, trial.x, settled=0.1)
+                joint = fit(trial.model, current.layout, trial.x, settled=0.1, near=current)
             except ImpactscopeError:
                 continue
             if candidate.name == 'mains_hum' and not _everywhere(joint, current):
@@ -512,7 +517,7 @@ class Search:
             known = {**values, candidate.free[0].key: cutoff}
             x = np.array([f.to_inner(known[f.key]) for f in model.free])
             try:
-                joint = fit(model, current.layout, x, settled=0.1)
+                joint = fit(model, current.layout, x, settled=0.1, near=like.fit)
             except ImpactscopeError:
                 continue
             found.append(weigh(candidate, joint, current, looks))
