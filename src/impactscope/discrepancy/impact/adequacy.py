@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 from scipy import integrate, stats
 
 from impactscope.discrepancy.impact.candidates import Candidate, candidates, stronger
+from impactscope.discrepancy.impact.chain_laws import chain_laws
 from impactscope.discrepancy.impact.fit import Fit, fit, projector
-from impactscope.discrepancy.impact.laws import Law, law_responses
+from impactscope.discrepancy.impact.laws import GROUPS, Law, law_responses
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['TESTED', 'Adequacy', 'adequacy', 'law_instead']
@@ -45,6 +46,7 @@ _FELT = 10.0  # norm of a weak effect
 _ALLOWED_ALONE = 0.015  # likewise, along one direction
 _BANDS = (60.0, 400.0)  # Hz, upper edges
 _BAND_LENGTH = 0.35  # s after the onset in which bands are looked at
+_GROUP_PRICE = 2.0  # of chi-square, of each number of a law without a form of its own
 _LEAST_RANK = 1e-3  # of a further number's influence that the model's numbers leave of it
 
 
@@ -118,7 +120,7 @@ def _tested_fit(fit: Fit, laws: bool) -> Adequacy:
 
 def _laws(fit: Fit, weight: Array, left: Array, basis: Array) -> tuple[float, float, str]:
     """Chance and excess of the most telling law that no mechanism has, and its name."""
-    laws = law_responses(fit)
+    laws = [*law_responses(fit), *chain_laws(fit), *_levels(fit)]
     best = 1.0, 0.0, ''
     for law in laws:
         power, count = _along(law, left, basis, weight)
@@ -128,6 +130,30 @@ def _laws(fit: Fit, weight: Array, left: Array, basis: Array) -> tuple[float, fl
         if chance < best[0]:
             best = chance, power - count, law.label
     return min(1.0, best[0] * len(laws)), best[1], best[2]
+
+
+def _levels(fit: Fit) -> list[Law]:
+    """Each number of an effect that is fitted, as if it grew with the strength of the blow."""
+    layout, model = fit.layout, fit.model
+    level = {}
+    for i in layout.blows:
+        channels = model.data.blows[i].channels
+        channel = channels.get('force') or next(iter(channels.values()))
+        level[i] = math.log(max(float(np.max(np.abs(channel.means))), channel.noise))
+    middle = float(np.mean(list(level.values())))
+    found = []
+    for j, number in enumerate(model.free):
+        active = next((e for e in model.effects if number.key.startswith(f'{e.tag}.')), None)
+        if active is None or number.blow is not None:
+            continue
+        column = fit.jacobian[: layout.size, j].copy()
+        for i, span in layout.blow_spans.items():
+            column[span] *= level[i] - middle
+        if np.any(column):
+            name = number.key.rsplit('.', 1)[-1]
+            label = f'{active.name} of which the {name} grows with the strength of the blow'
+            found.append(Law(label, column[:, None]))
+    return found
 
 
 def law_instead(before: Fit, after: Fit, numbers: int) -> tuple[float, str]:
@@ -150,10 +176,11 @@ def law_instead(before: Fit, after: Fit, numbers: int) -> tuple[float, str]:
     left = old.residuals - basis @ (basis.T @ old.residuals)
     needed = old.chi_square - new.chi_square - numbers
     best = -math.inf, ''
-    laws = law_responses(old)
+    laws = [*law_responses(old), *chain_laws(old)]
     for law in laws:
         power, count = _along(law, left, basis, np.ones(size))
-        best = max(best, (power - count - needed, law.label))
+        price = count + (_GROUP_PRICE * count if law.label in GROUPS else 0.0)
+        best = max(best, (power - price - needed, law.label))
     chance = math.exp(-0.5 * min(max(best[0], 0.0) / spread, 1e3))
     return min(1.0, len(laws) * chance), best[1]
 

@@ -26,7 +26,7 @@ from impactscope.physics.mechanisms.registry import mechanism
 from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.simulate import CHANNELS, solve
 
-__all__ = ['Law', 'law_forces', 'law_responses']
+__all__ = ['GROUPS', 'Law', 'law_forces', 'law_responses']
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,15 @@ _SWINGS = (2.0, 4.0, 7.0, 10.0, 13.0, 17.0, 22.0, 30.0)  # Hz
 _SLOW_SWINGS = (2.0, 7.0)  # Hz, of the damping
 _MEMORIES = (1e-3, 3e-3, 1e-2, 3e-2, 0.1)  # s
 _ORDERS = (0.25, 0.5, 0.75)  # of fractional derivatives
+_RESONANCES = (12.0, 20.0, 45.0, 70.0, 110.0, 180.0, 300.0, 450.0)  # Hz, of a mass on the plate
+_RESONANT_DAMPING = 0.05  # ratio
+GROUPS = {  # a law of its kind, whatever its course: few numbers, and the picture of no formula
+    'an odd force of the speed': 'damping with speed to the power',
+    'an even force of the speed': 'a push with speed to the power',
+    'an odd force of the displacement': 'a spring with displacement to the power',
+    'an even force of the displacement': 'a spring that differs by side, to the power',
+    'a force that follows the contact force': 'a force with the contact force',
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,9 +68,14 @@ def law_responses(fit: Fit) -> list[Law]:
         for label, number, response in responses:
             law = columns.setdefault(label, {})
             law.setdefault(number.replace('@', str(i)), np.zeros(fit.layout.size))[span] = response
-    return [
+    laws = [
         Law(label, np.stack(list(numbers.values()), axis=1)) for label, numbers in columns.items()
     ]
+    for label, kind in GROUPS.items():
+        members = [law.columns for law in laws if law.label.startswith(kind)]
+        if len(members) > 1:
+            laws.append(Law(label, np.concatenate(members, axis=1)))
+    return laws
 
 
 def _of_blow(fit: Fit, bench: ImpactModel, i: int) -> Iterator[tuple[str, str, Array]]:
@@ -105,7 +119,9 @@ def _of_blow(fit: Fit, bench: ImpactModel, i: int) -> Iterator[tuple[str, str, A
             parts.append(bench.whitened(-scale * change, i, name, layout))
         return np.concatenate(parts)
 
-    for label, number, in_spring, force in law_forces(x, v, grid + start):
+    contact = np.interp(grid, moments, plain[:, at.CONTACT_FORCE])
+    contact[before] = 0.0
+    for label, number, in_spring, force in law_forces(x, v, grid + start, contact / largest):
         top = float(np.max(np.abs(force)))
         if not top > 0.0:
             continue
@@ -129,11 +145,14 @@ def _moved(par: Array, force: Array, moments: Array) -> Array:
     return rows
 
 
-def law_forces(x: Array, v: Array, time: Array) -> Iterator[tuple[str, str, bool, Array]]:
+def law_forces(
+    x: Array, v: Array, time: Array, contact: Array | None = None
+) -> Iterator[tuple[str, str, bool, Array]]:
     """Forces along a motion: label, key of the number, whether the spring carries it, values.
 
     ``x`` and ``v``: displacement, m, and speed, m/s, of the plate over ``time``, s; shape (n,).
-    Times are even and begin at first contact.
+    Times are even and begin at first contact. ``contact``: force between impactor and plate, in
+    any unit; None: of no blow.
     A key with ``@`` is a number of its own for each recording. Forces are in arbitrary units,
     the same for all recordings.
     """
@@ -142,6 +161,16 @@ def law_forces(x: Array, v: Array, time: Array) -> Iterator[tuple[str, str, bool
     s = np.tanh(v / (1e-3 * speed))
     for power in (0.3, 0.5, 1.5, 3.0):
         yield f'damping with speed to the power {power:g}', '', False, s * np.abs(w) ** power
+    for power in (2.0, 3.0):
+        label = f'a push with speed to the power {power:g}, either way'
+        yield label, '', False, np.abs(w) ** power
+    if contact is not None and np.any(contact):
+        yield 'friction with the contact force', '', False, s * contact
+        yield 'damping with the contact force', '', False, w * contact
+        yield 'a force with the contact force', '', False, contact
+        loading = np.gradient(contact) > 0.0
+        yield 'a force with the contact force while it rises', '', False, contact * loading
+        yield 'a force with the square of the contact force', '', False, contact**2
     for power in (0.5, 1.0, 2.0):
         yield 'friction that changes with the displacement', '', False, s * np.abs(r) ** power
         label = f'damping that changes with the displacement to the power {power:g}'
@@ -166,6 +195,9 @@ def law_forces(x: Array, v: Array, time: Array) -> Iterator[tuple[str, str, bool
         yield f'a force that relaxes within {memory:g} s', '', True, followed
     for order in _ORDERS:
         yield f'fractional damping of order {order:g}', '', False, _fractional(w, order)
+    for frequency in _RESONANCES:
+        carried = _carried(r, frequency)
+        yield f'a mass on a spring that swings at {frequency:g} Hz', '', False, carried
     since = time - time[0]
     yield 'stiffness that drifts within a recording', '', True, r * since
     yield 'damping that drifts within a recording', '', False, w * since
@@ -180,6 +212,18 @@ def law_forces(x: Array, v: Array, time: Array) -> Iterator[tuple[str, str, bool
     yield 'stiffness that differs between recordings', '@', True, r
     yield 'damping that differs between recordings', '@', False, w
     yield 'friction that differs between recordings', '@', False, s
+
+
+def _carried(displacement: Array, frequency: float) -> Array:
+    """Force, over its stiffness, of a damped mass on a spring that the plate carries along."""
+    turn = 2 * math.pi * frequency
+    response = signal.cont2discrete(
+        ([2 * _RESONANT_DAMPING * turn, turn**2], [1.0, 2 * _RESONANT_DAMPING * turn, turn**2]),
+        _STEP,
+        'bilinear',
+    )
+    moved = signal.lfilter(response[0].ravel(), response[1], displacement)
+    return np.asarray(displacement - moved, dtype=np.float64)
 
 
 def _fractional(speed: Array, order: float) -> Array:
