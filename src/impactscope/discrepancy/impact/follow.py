@@ -44,6 +44,8 @@ _TRIES = 14
 _FOLLOWED = 4.0  # growth of the reduced chi-square up to which a longer window is followed
 _SETTLED = 0.02  # of chi-square
 _OPEN = 0.05  # relative, of a number that a short window does not tell
+_TOLD = 0.005  # relative, likewise of a bare contact: each bounce amplifies it
+_STEEP = 'contact.'
 _WAYS = 2  # pairs of starts within what a short window leaves open
 _FAR = 2.0  # standard deviations
 
@@ -72,7 +74,7 @@ def _open(short: Fit) -> bool:
     """Whether a short window leaves a number of the bench open, as of a contact's stiffness."""
     spread = np.sqrt(np.diag(short.covariance()))
     return any(
-        f.logarithmic and f.blow is None and s > _OPEN
+        f.blow is None and f.logarithmic and s > (_TOLD if f.key.startswith(_STEEP) else _OPEN)
         for f, s in zip(short.model.free, spread, strict=True)
     )
 
