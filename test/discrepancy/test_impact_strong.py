@@ -130,3 +130,20 @@ def test_a_weight_that_is_stated_at_nought_may_sit_elsewhere(make_campaign):
     assert found.recording == 'hit0.mcap'
     assert 'ratio' not in found.parameters
     assert found.parameters['value'].value == pytest.approx(0.1, abs=1e-3)
+
+
+@pytest.mark.parametrize('step', [10.0, 20.0])
+def test_a_converter_too_coarse_for_the_quiet_is_neither_mute_nor_saturated(make_campaign, step):
+    made = make_campaign(70, [Effect('quantisation', {'step': step}, 'force')])
+    data = prepare(made)
+    assert data.noise['force'] == pytest.approx(step / np.sqrt(12.0), rel=1e-6)
+    for blow in data.blows:
+        force = blow.channels['force']
+        assert np.isinf(force.clipped_at)
+        assert force.step == pytest.approx(step, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_coarse_converter_is_all_that_is_found(make_campaign):
+    made = make_campaign(71, [Effect('quantisation', {'step': 10.0}, 'force')])
+    assert explain(made).accepted == ('quantisation',)

@@ -18,7 +18,7 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.evidence import quantisation_step
 from impactscope.discrepancy.impact.noise import Colour
 
-__all__ = ['BinnedChannel', 'binned']
+__all__ = ['BinnedChannel', 'binned', 'coarse_step']
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -27,6 +27,7 @@ _FINE_UNTIL = 0.025  # s after the onset in which every sample counts
 _LATE = 0.3  # s after the onset from which a bench may be still
 _STILL = 0.02  # s over which it is
 _LONG_BIN = 4e-3  # s, where nothing changes
+_FLAT = 0.015  # s, at its largest value, that no coarse converter stays without being cut off
 _NODE_STEP = 5e-5  # s
 _FLOOR = 0.05  # of the noise, of a sample: what two sound simulations may differ by
 _RELATIVE_FLOOR = 2e-4  # of the value
@@ -87,7 +88,10 @@ def binned(
     time = channel.start + (first + np.arange(samples.size)) / rate
     since = time - onset
     step = quantisation_step(samples[since < -2e-3])
-    clip = _clipping(samples, channel, 8 if step > 0.2 * sigma else 3)
+    dead = coarse_step(channel, onset)
+    step = max(step, dead)
+    flat = round(_FLAT * rate) if dead > 0.0 else 8 if step > 0.2 * sigma else 3
+    clip = _clipping(samples, channel, flat)
     # two nodes reproduce two samples exactly; longer bins would blur the kinks of contacts
     shortest = max(1, round(2e-4 * rate))
     size = np.full(samples.size, max(2, shortest) if coarse else shortest)
@@ -105,6 +109,8 @@ def binned(
     slope = np.gradient(means, centres) if means.size > 1 else np.zeros(means.size)
     variance = sigma**2 / counts if colour is None else colour.variance_of_means(counts)
     variance = variance + (_FLOOR * sigma) ** 2 / counts
+    if dead > 0.0:
+        variance = variance * _same(samples, edges)
     variance = variance + (_RELATIVE_FLOOR * means) ** 2 + (_TIME_FLOOR * slope) ** 2
     used = np.isfinite(means)
     if channel.name == 'acceleration.impactor':
@@ -134,6 +140,27 @@ def binned(
         clipped_at=clip,
         colour=colour,
     )
+
+
+def coarse_step(channel: ChannelSamples, onset: float) -> float:
+    """Step of a converter so coarse that nothing moves before the blow; 0 where it is not."""
+    quiet = channel.values[channel.start + np.arange(channel.values.size) / channel.sample_rate
+                           < onset - 2e-3]  # fmt: skip
+    quiet = quiet[np.isfinite(quiet)]
+    if quiet.size < 8 or np.unique(quiet).size > 2:
+        return 0.0
+    return quantisation_step(channel.values)
+
+
+def _same(samples: Array, edges: IntArray) -> Array:
+    """How many samples in a row have the value of each bin's first, shape (n_bins,).
+
+    While a coarse converter stands still, all its samples tell no more than one of them.
+    """
+    turns = np.flatnonzero(np.diff(samples, prepend=np.nan) != 0.0)
+    length = np.diff(np.append(turns, samples.size))
+    which = np.searchsorted(turns, edges, side='right') - 1
+    return np.asarray(length[which], dtype=np.float64)
 
 
 def _nodes(

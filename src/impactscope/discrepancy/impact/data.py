@@ -18,7 +18,7 @@ from scipy import integrate, ndimage
 
 from impactscope.discrepancy.campaign import Campaign, CampaignRecording, ChannelSamples, Role
 from impactscope.discrepancy.evidence import noise_std
-from impactscope.discrepancy.impact.bins import BinnedChannel, binned
+from impactscope.discrepancy.impact.bins import BinnedChannel, binned, coarse_step
 from impactscope.discrepancy.impact.noise import Colour, colour_of
 from impactscope.errors import InputError
 from impactscope.physics.pendulum import Orientation
@@ -185,7 +185,7 @@ def _noise(
                 continue
             count = int((onset - 2e-3 - channel.start) * channel.sample_rate)
             quiet = channel.values[:count] if count >= 64 else channel.values[-256:]
-            sigma = noise_std(quiet)
+            sigma = max(noise_std(quiet), coarse_step(channel, onset) / math.sqrt(12.0))
             if math.isfinite(sigma):
                 squares += quiet.size * sigma**2
                 weight += quiet.size
