@@ -106,6 +106,8 @@ def _of_blow(fit: Fit, bench: ImpactModel, i: int) -> Iterator[tuple[str, str, A
     before = grid < moments[moments > 0.0][0] if np.any(moments > 0.0) else grid < 0.0
     x[before] = v[before] = 0.0
     largest = float(np.max(np.abs(plain[:, at.READING])))
+    if not largest > 0.0:
+        return  # nothing has moved
 
     def response(force: Array, in_spring: bool) -> Array:
         moved = _moved(par, tap - force, moments)
