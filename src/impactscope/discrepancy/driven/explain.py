@@ -57,6 +57,7 @@ NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
 HOPELESS = 8.0  # reduced chi-square that no better knowledge of the noise brings down to it
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
 REPEATS = 2  # searches with noise that is known better
+MOST_TO_THE_NOISE = 60_000  # samples of a sprung mass; more take minutes and have told already
 LARGER = 0.25  # of reduced chi-square, by which what is left is more than noise
 SURE = 6.0  # standard deviations of it
 LEVEL = 0.02  # relative change of the noise's level that matters
@@ -122,7 +123,15 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     )
     if modes is not None and not _prefer(modes.fit, outcome, judge):
         modes = None
-    if isinstance(model, OscillatorModel) and modes is None and (outcome.believed or coarse):
+    lengthy = (
+        'stiffness' in linear.values and sum(s.measured.size for s in segments) > MOST_TO_THE_NOISE
+    )
+    if (
+        isinstance(model, OscillatorModel)
+        and modes is None
+        and (coarse or outcome.believed)
+        and not (lengthy and outcome.believed)
+    ):
         tell(0.85, 'searching to the noise')
         seed = outcome.best if outcome.believed else None
         exact, sure = _shaken(campaign, parts, model, segments, linear, tell, seed)
