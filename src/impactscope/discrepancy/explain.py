@@ -58,7 +58,8 @@ def _as_far_as_known(finding: Finding, campaign: Campaign) -> Finding:
 
     A filter that may as well be a delay shows nothing else: its cut-off is known to be high and
     has no interval. And nobody knows whether a filter was an analogue one or one of samples: the
-    two differ by (pi f / f_s)^2 / 3 of the cut-off, by how the bilinear transform bends time.
+    two differ by (pi f / f_s)^2 / 3 of the cut-off, by how the bilinear transform bends time. From
+    half the sampling rate on it can only be an analogue one.
     """
     if finding.name != 'low_pass_filter' or 'cutoff' not in finding.parameters:
         return finding
@@ -71,7 +72,8 @@ def _as_far_as_known(finding: Finding, campaign: Campaign) -> Finding:
     ]
     if 'clock_error' not in finding.confused_with and rates:
         value = float(cutoff.value)
-        bent = value * (math.pi * value / min(rates)) ** 2 / 3.0
+        turns = value / min(rates)
+        bent = value * (math.pi * turns) ** 2 / 3.0 if turns < 0.5 else 0.0
         std = math.hypot(cutoff.std, bent / stats.norm.ppf(0.975))
     parameters = {**finding.parameters, 'cutoff': dataclasses.replace(cutoff, std=std)}
     return dataclasses.replace(finding, parameters=parameters)
