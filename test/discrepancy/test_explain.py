@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from impactscope.discrepancy.answer import Finding, ParameterEstimate
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
-from impactscope.discrepancy.explain import _as_far_as_known, explain
+from impactscope.discrepancy.explain import _as_far_as_known, _filter_or_delay, explain
 
 RATE = 2000.0
 
@@ -65,3 +66,17 @@ def test_a_cutoff_has_no_interval_where_the_filter_may_be_a_delay(explained):
     assert seen.parameters['cutoff'].std > 0
     assert math.isnan(unseen.parameters['cutoff'].std)
     assert unseen.parameters['cutoff'].value == found.parameters['cutoff'].value
+
+
+@pytest.mark.parametrize(
+    ('offset', 'drift', 'alike'),
+    [(2e-4, 0.0, True), (-2e-4, 1e-9, True), (2e-3, 0.0, False), (2e-4, 1e-4, False)],
+)
+def test_a_delay_within_a_sample_or_so_may_be_a_filter(offset, drift, alike):
+    numbers = {
+        'offset': ParameterEstimate(offset, 1e-6, 's'),
+        'drift': ParameterEstimate(drift, 1e-8, '1'),
+    }
+    clock = Finding('clock_error', 0.9, numbers)
+    marked = _filter_or_delay(clock, filtered(100.0))
+    assert marked.confused_with == (('low_pass_filter',) if alike else ())

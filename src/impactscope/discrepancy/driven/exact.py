@@ -36,6 +36,8 @@ LOST = 1000.0  # chi-square by which a fit is behind the best
 NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the best
 FAR = 10.0  # times the samples: chi-square from which a search goes on from what was found
 POLISHED = 'polished'
+DELAYS = ('clock_error', 'low_pass_filter')
+FORM = 0.01  # of what a delay gains, that its form leaves open
 FIRST_ORDER = 2  # of the low-pass that is looked for before its other orders are
 LATE = {
     1: 1.0,
@@ -211,7 +213,7 @@ def exact_search(
     for made in [f for f in fits.known.values() if judge.criterion(f, baseline) < level]:
         fits.polish(made)
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
-    best = fits.polish(_pruned(fits, best, judge))
+    best = _one_delay(fits, fits.polish(_pruned(fits, best, judge)), judge)
     if best is not baseline and not judge.better(baseline, best):
         best = baseline
     rivals = tuple(f for f in fits.known.values() if f is not best)
@@ -318,6 +320,30 @@ def _other_asymmetry(fits: _Fits, best: Fit, judge: Judge) -> Fit:
             initial = {key(even, even.numbers[0]): mean, key(offset, offset.numbers[0]): size}
             fits.make(best, (*rest, even, offset), initial)
     return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))
+
+
+def _one_delay(fits: _Fits, best: Fit, judge: Judge) -> Fit:
+    """A clock and a filter of which one does nearly all are one delay of a form not quite known.
+
+    Together each can be large and undo the other; what they gain beyond one alone is then no
+    more than the form of the filter (analogue, of samples, its order) leaves open.
+    """
+    both = [t for t in best.terms if t.name in DELAYS]
+    if len(both) < len(DELAYS):
+        return best
+    others = frozenset(t.label for t in best.terms if t not in both)
+    rest = fits.without(best, tuple(t for t in best.terms if t not in both))
+    alone = [
+        f
+        for f in fits.known.values()
+        if sum(t.name in DELAYS for t in f.terms) == 1
+        and frozenset(t.label for t in f.terms if t.name not in DELAYS) == others
+    ]
+    if not alone:
+        return best
+    one = min(alone, key=lambda f: judge.criterion(f, fits.baseline))
+    beyond, whole = judge.gain(one, best).fitted, judge.gain(rest, best).fitted
+    return fits.polish(one) if beyond < FORM * whole else best
 
 
 def _against_rivals(fits: _Fits, best: Fit, judge: Judge) -> Fit:

@@ -9,15 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from impactscope.discrepancy.evidence import family_p_value, information
-from impactscope.discrepancy.impact.adequacy import Adequacy
+from impactscope.discrepancy.impact.adequacy import LONE, TOLD, Adequacy
 from impactscope.discrepancy.impact.candidates import Candidate
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.model import Layout
 
 __all__ = ['QUIET', 'Found', 'Outcome', 'evidence_for', 'weigh', 'with_findings']
 
-_LONE = 3  # samples of which a finding must not live
-_TOLD = 9.0  # chi-square that each of them may tell at most
 _MAINS_BAND = 0.5  # Hz about the mains and their harmonics
 QUIET = 1.15  # reduced chi-square below which a short window holds nothing to look for
 
@@ -63,15 +61,15 @@ def evidence_for(joint: Fit, without: Fit) -> float:
     """Fall of chi-square, over the reduced chi-square that is left; no few samples decide.
 
     A sample on the verge of a contact is met or missed by hundredths of its duration: it may tell
-    five standard deviations and mean nothing. The ``_LONE`` samples that gain most count by no
-    more than ``_TOLD`` each.
+    five standard deviations and mean nothing. The ``LONE`` samples that gain most count by no
+    more than ``TOLD`` each.
     """
     gain = without.chi_square - joint.chi_square
     size = joint.layout.size
-    if _LONE < size == without.layout.size:
+    if LONE < size == without.layout.size:
         fall = without.residuals[:size] ** 2 - joint.residuals[:size] ** 2
-        most = np.partition(fall, -_LONE)[-_LONE:]
-        gain -= float(np.sum(np.maximum(most - _TOLD, 0.0)))
+        most = np.partition(fall, -LONE)[-LONE:]
+        gain -= float(np.sum(np.maximum(most - TOLD, 0.0)))
     return gain / max(1.0, joint.reduced)
 
 

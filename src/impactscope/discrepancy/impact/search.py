@@ -146,6 +146,13 @@ class Search:
         cost = sum(c.cost for c in outcome.accepted)
         chance = family_p_value(gain, cost, outcome.looks)
         structural = any(not c.free for c in outcome.accepted)
+        if outcome.doubted and not structural and gain < _LEAST_GAIN:
+            # what made the finding needed was gone with the samples that the last fit left out
+            tests = adequacy(outcome.baseline)
+            if tests.p_value > self.thresholds.inadequate:
+                outcome.accepted.clear()
+                outcome.final, outcome.tests, outcome.p_value = outcome.baseline, tests, 1.0
+                return
         if chance > self.thresholds.false_finding and not structural and not outcome.doubted:
             outcome.accepted.clear()
             outcome.final, outcome.tests = outcome.baseline, None
