@@ -8,13 +8,14 @@ slope) and no more; it lies between the samples, and where exactly the two tell.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-__all__ = ['Break', 'breaks_of', 'noise_beside']
+__all__ = ['Break', 'breaks_of', 'needed', 'noise_beside']
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,7 @@ BRANCH, NARROW = (5, 3), 24  # degree of a branch, wide and narrow
 APART = 10  # samples from one break to the next, at least
 MOST = 20  # samples, on average, for each break
 FINE = 17  # places that are tried for a break at once
+STILL = 30.0  # chi-square of two numbers, by which a course without breaks is wrong
 LAST = 0.01  # samples: how well a place is sought
 ORDER = 8  # of the differences that tell the noise
 ROUNDING = 3e-8  # of the largest sample: single precision
@@ -75,6 +77,19 @@ def breaks_of(samples: Array, noise: float) -> list[Break]:
     if len(chosen) > n // MOST:
         return []
     return sorted(chosen, key=lambda b: b.place)
+
+
+def needed(breaks: Sequence[Break], rest: Array, noise: float) -> list[Break]:
+    """Those breaks of which a course without any leaves something, ``rest``, shape (n,).
+
+    Polynomials of a few samples bend less than a fast but smooth motion does.
+    """
+    strength = np.zeros(rest.size)
+    for w in WIDTHS:
+        if 6 * w <= rest.size:
+            strength = np.maximum(strength, _strength(rest, w, noise))
+    reach = ndimage.maximum_filter1d(strength, 2 * APART + 1)
+    return [b for b in breaks if reach[round(b.place)] > STILL]
 
 
 def _strength(samples: Array, w: int, noise: float) -> Array:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 
-from impactscope.discrepancy.driven.breaks import Break, breaks_of, noise_beside
+from impactscope.discrepancy.driven.breaks import Break, breaks_of, needed, noise_beside
 
 __all__ = ['Course', 'course_of', 'passed_by_spline']
 
@@ -55,11 +55,11 @@ def course_of(samples: Array, period: float, order: int) -> Course:
     time = period * np.arange(samples.size, dtype=np.float64)
     beside = noise_beside(samples)
     breaks = breaks_of(samples, beside)
-    if breaks:
-        return _broken(samples, period, order, beside, breaks)
     top, noise = _band(samples, period)
     spacing = max(1.0 / (KNOTS * top), 0.0)
     if spacing < CLOSEST * period:
+        if breaks:
+            return _broken(samples, period, order, beside, breaks)
         spline = make_interp_spline(time, samples, DEGREE)
         band, ends = 0.5 / period, np.zeros((3, samples.size))
     else:
@@ -67,6 +67,9 @@ def course_of(samples: Array, period: float, order: int) -> Course:
         inner = np.linspace(0.0, time[-1], count + 1)
         knots = np.concatenate([np.full(DEGREE, 0.0), inner, np.full(DEGREE, time[-1])])
         spline = make_lsq_spline(time, samples, knots, DEGREE)
+        breaks = needed(breaks, samples - np.asarray(spline(time)), beside)
+        if breaks:
+            return _broken(samples, period, order, beside, breaks)
         band = 0.5 * count / time[-1]
         shape = _end(time[-1] / count, period, order)
         ends = noise**2 * _about(shape, [0.0, samples.size - 1.0], samples.size)
