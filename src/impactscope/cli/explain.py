@@ -86,7 +86,10 @@ def _print_fit(answer: 'Answer') -> None:
     before, after = answer.fit.baseline, answer.fit.extended
     if not before.rmse:
         return
-    table = Table('channel', 'baseline', 'extended', 'held out: baseline', 'extended', 'noise')
+    table = Table()
+    table.add_column('channel', no_wrap=True, min_width=max(map(len, before.rmse)))
+    for name in ('baseline', 'extended', 'held out: baseline', 'extended', 'noise'):
+        table.add_column(name, justify='right')
     for name in before.rmse:
         cells = (
             before.rmse.get(name, math.nan),
