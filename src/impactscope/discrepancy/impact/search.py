@@ -1,9 +1,6 @@
-"""The search: order candidates cheaply, judge them by joint fits, forwards and backwards.
+"""The search: forwards and backwards through candidates, over windows that grow.
 
-Ordering. At a fitted model every candidate is tried by simulation; what the fitted numbers could
-re-tune is projected out of its signature, and what remains is compared with the residual.
-Judging. The best are fitted jointly with everything else, over all recordings; the fall of
-chi-square is weighed against the number of looks, and recordings that were held out must not
+Candidates are tried and judged by :mod:`.joint_fits`; recordings that were held out must not
 contradict. The window after the onset grows: what is missing is found where the blow is still
 simple, and checked where later contacts have amplified every error.
 """
@@ -22,10 +19,9 @@ from impactscope.discrepancy.evidence import (
     Thresholds,
     family_p_value,
     information,
-    least_gain,
 )
 from impactscope.discrepancy.impact.adequacy import adequacy
-from impactscope.discrepancy.impact.candidates import Candidate, candidates, filters_like
+from impactscope.discrepancy.impact.candidates import Candidate, candidates
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit
 from impactscope.discrepancy.impact.follow import (
     fit_baseline,
@@ -33,6 +29,7 @@ from impactscope.discrepancy.impact.follow import (
     with_repeatability,
 )
 from impactscope.discrepancy.impact.held_out import check_held_out
+from impactscope.discrepancy.impact.joint_fits import LOST, JointFits
 from impactscope.discrepancy.impact.late_channels import with_late_channel
 from impactscope.discrepancy.impact.model import Layout
 from impactscope.discrepancy.impact.modes import other_modes
@@ -46,10 +43,9 @@ from impactscope.discrepancy.impact.outcome import (
 )
 from impactscope.discrepancy.impact.pairs import Pair, pairs
 from impactscope.discrepancy.impact.pruning import prune
-from impactscope.discrepancy.impact.strong import from_taps, in_place_of, race, related
+from impactscope.discrepancy.impact.strong import from_taps
 from impactscope.discrepancy.impact.workbench import Trial, Workbench
 from impactscope.errors import ImpactscopeError
-from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
 __all__ = ['Search']
 
@@ -60,13 +56,11 @@ WINDOWS = (0.04, 0.1, 0.25, math.inf)
 
 _LOOKED = (0.25,)  # windows in which is looked for weak effects, beside the last
 _MOST = 3  # findings
-_JOINT = 6  # candidates that are fitted jointly in a step
 _AHEAD = 3  # candidates that are fitted jointly where only the way is sought
 _BEAM = 2  # first steps that are followed when none explains the recordings
 _FIRST = 0.012  # s after the onset from which fits grow
 _BEYOND = 1.15  # ratio of the window in which is looked to the one that was reached
 _DETOURS = 3
-_LOST = 2.0  # reduced chi-square above which a longer window tells nothing more
 _SHORTER = 0.8  # of the samples, that another structure must follow at least
 _TELLING = 4.0  # ratio of reduced chi-squares from which a structure is another
 _DOUBTED = 5  # candidates that are looked at again where what is left is no noise
@@ -87,8 +81,10 @@ class Search:
     thresholds: Thresholds = field(default_factory=Thresholds)
     progress: Callable[[float, str], None] = _silent
     windows: Sequence[float] = WINDOWS
-    tried: tuple[Array, list[Trial]] = field(default_factory=lambda: (np.zeros(0), []))
-    window: float = math.inf  # that is being looked at
+    fits: JointFits = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.fits = JointFits(self.baseline_names, self.thresholds)
 
     def run(self, baseline: Fit) -> Outcome:
         """Search from a fitted baseline on."""
@@ -116,12 +112,12 @@ class Search:
             if until < window:
                 current = fit(grown.model, _up_to(grown, window), grown.x)
             last, reached = not waiting, window
-            outcome.window = self.window = window
+            outcome.window = self.fits.window = window
             if current.reduced > QUIET and outcome.accepted:
                 current = self._reconsider(current, outcome, sound)
             if last or current.reduced > QUIET or window in _LOOKED:
                 current = self._forward(current, outcome, sound, last=last)
-            if current.reduced > _LOST and not last:
+            if current.reduced > LOST and not last:
                 break  # what comes later only amplifies what is not understood
             sound = current if current.reduced < QUIET else None
         current = self._simpler(current, outcome)
@@ -166,12 +162,12 @@ class Search:
         """
         outcome = Outcome(baseline, baseline, [])
         whole = baseline.model.layout(baseline.model.data.fitted).size
-        if baseline.reduced < _LOST and baseline.layout.size == whole:
+        if baseline.reduced < LOST and baseline.layout.size == whole:
             return baseline, outcome
         listed = candidates(baseline, self.baseline_names)
         best: tuple[Candidate, Fit, Fit] | None = None
         tried = [(c, fit_baseline(c.extend(baseline.model))) for c in listed if not c.free]
-        if 'contact.stiffness' in baseline.values and baseline.reduced > _LOST:
+        if 'contact.stiffness' in baseline.values and baseline.reduced > LOST:
             tried += from_taps(baseline, self.baseline_names)
         tried += with_late_channel(baseline, self.baseline_names)
         for candidate, other in tried:
@@ -230,7 +226,7 @@ class Search:
             return current
         start = with_findings(dataclasses.replace(outcome, final=current), [], current.layout)
         listed = candidates(start, self.baseline_names)
-        found = self.judge(start, self.order(start, listed), len(listed), _AHEAD)
+        found = self.fits.judge(start, self.fits.order(start, listed), len(listed), _AHEAD)
         cost = sum(c.cost for c in outcome.accepted)
         gain = (start.chi_square - current.chi_square) / max(1.0, current.reduced)
         reached = information(-gain, cost, current.layout.size)
@@ -267,8 +263,8 @@ class Search:
         for window in (self.windows[0], outcome.window):
             near = start if window == outcome.window else _near(start, window)
             listed = candidates(near, self.baseline_names)
-            self.order(near, listed)
-            residual, trials = self.tried
+            self.fits.order(near, listed)
+            residual, trials = self.fits.tried
             for pair in pairs(near, residual, trials, len(listed), allowed):
                 if pair.p_value > allowed or pair.fit.reduced > QUIET:
                     continue
@@ -293,7 +289,7 @@ class Search:
     def _forward(self, current: Fit, outcome: Outcome, sound: Fit | None, *, last: bool) -> Fit:
         """Add what is missing within the current window, one candidate after the other."""
         while len(outcome.accepted) < _MOST:
-            found, outcome.looks = self.step(current, sound)
+            found, outcome.looks = self.fits.step(current, sound)
             sound = None
             outcome.last = found
             allowed = self.thresholds.false_finding / (1 + len(_LOOKED))
@@ -308,7 +304,7 @@ class Search:
                     outcome.p_value = min(outcome.p_value, *chances, 1.0)
                 break
             best = good[0]
-            if best.fit.reduced > _LOST and len(good) > 1 and not outcome.accepted:
+            if best.fit.reduced > LOST and len(good) > 1 and not outcome.accepted:
                 best = self._look_ahead(good)
             outcome.accepted.append(best.candidate)
             outcome.found[best.candidate.label] = best
@@ -323,7 +319,7 @@ class Search:
         """Two candidates at once, where each alone hides behind the other."""
         if len(outcome.accepted) > _MOST - 2:
             return None
-        residual, trials = self.tried
+        residual, trials = self.fits.tried
         if residual.size != current.residuals.size:
             return None
         found = pairs(current, residual, trials, outcome.looks, allowed)
@@ -358,8 +354,10 @@ class Search:
         known = current.values if sound is None else sound.values
         x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
         without = at_point(model, current.layout, x)
-        found = self.judge(
-            without, self.order(without, candidates(without, self.baseline_names)), outcome.looks
+        found = self.fits.judge(
+            without,
+            self.fits.order(without, candidates(without, self.baseline_names)),
+            outcome.looks,
         )
         found += self._restarted(without, candidate, outcome.looks)
         found.sort(key=lambda f: f.criterion)
@@ -392,143 +390,10 @@ class Search:
         """Of the best first steps, the one from which the next step leads furthest."""
         reached = []
         for first in good[:_BEAM]:
-            found, _ = self.step(first.fit, most=_AHEAD)
+            found, _ = self.fits.step(first.fit, most=_AHEAD)
             best = min((f.fit.chi_square for f in found), default=first.fit.chi_square)
             reached.append((best, first))
         return min(reached, key=lambda item: item[0])[1]
-
-    def step(
-        self, current: Fit, sound: Fit | None = None, most: int = 0
-    ) -> tuple[list[Found], int]:
-        """Candidates fitted jointly, the best first, and the number of candidates.
-
-        ``sound``: a fit of the same model to a shorter window that had nothing amiss; where the
-        misfit is large, its numbers are closer to the truth than those that were bent to fit.
-        """
-        listed = candidates(current, self.baseline_names)
-        place = current
-        if sound is not None and sound.x.size == current.x.size and current.reduced > _LOST:
-            place = at_point(current.model, current.layout, sound.x)
-        trials = self.order(place, listed)
-        found = self.judge(current, trials, len(listed), most or _JOINT)
-        if current.reduced > _LOST and not most:
-            found = self._strong(current, found, len(listed))
-        return self._settle(current, found, len(listed)), len(listed)
-
-    def _strong(self, current: Fit, found: list[Found], looks: int) -> list[Found]:
-        """Candidates fitted from better places where much is missing; the best first."""
-        fits = [(f.candidate, f.fit) for f in found]
-        if not found or found[0].fit.reduced > QUIET:
-            fits += race(current, self.baseline_names, self.window)
-        if not fits:
-            return found
-        fits.sort(key=lambda item: item[1].chi_square)
-        candidate, leader = fits[0]
-        for other in related(candidate, candidates(current, self.baseline_names)):
-            instead = in_place_of(leader, current.model, other)
-            if instead is not None:
-                fits.append((other, instead))
-        best: dict[str, Found] = {}
-        for candidate, joint in fits:
-            item = weigh(candidate, joint, current, looks)
-            known = best.get(candidate.label)
-            if known is None or item.criterion < known.criterion:
-                best[candidate.label] = item
-        return sorted(best.values(), key=lambda f: f.criterion)
-
-    def _settle(self, current: Fit, found: list[Found], looks: int) -> list[Found]:
-        """Weigh again where a candidate only showed the way to a better fit without it."""
-        best = current
-        for item in found[:2]:
-            if item.fit.reduced > 1.5:
-                continue
-            if not item.counts(self.thresholds.false_finding):
-                continue
-            known = item.fit.values
-            x = np.array([f.to_inner(known[f.key]) for f in current.model.free])
-            again = fit(current.model, current.layout, x, near=current)
-            if again.chi_square < best.chi_square:
-                best = again
-        if best is current:
-            return found
-        fresh = [weigh(f.candidate, f.fit, best, looks) for f in found]
-        return sorted(fresh, key=lambda f: f.criterion)
-
-    def order(self, current: Fit, listed: Sequence[Candidate]) -> list[Trial]:
-        """Every candidate tried, the most promising first."""
-        workbench = Workbench(current)
-        tried = [found for c in listed if (found := workbench.best(c))]
-        self.tried = workbench.residual, [t for found in tried for t in found]
-        tried.sort(key=lambda found: found[0].gain, reverse=True)
-        top = []
-        for found in tried[: 2 * _JOINT]:
-            better = [workbench.refined(workbench.scaled(t)) for t in found]
-            best = max(better, key=lambda t: t.gain)
-            # at full strength bounces need more re-tuning than a linear one: what it was when
-            # weak counts, too
-            top.append(dataclasses.replace(best, gain=max(best.gain, found[0].gain)))
-        top.sort(key=lambda t: t.gain, reverse=True)
-        return top
-
-    def judge(
-        self, current: Fit, trials: Sequence[Trial], looks: int, most: int = 0
-    ) -> list[Found]:
-        """The most promising trials fitted jointly; the best by its criterion first."""
-        found: list[Found] = []
-        seen: dict[str, int] = {}
-        strong = current.reduced > QUIET
-        spread = max(1.0, current.reduced)
-        top = trials[0].gain if trials else 0.0
-        kin: set[str] = set()
-        for trial in trials:
-            candidate = trial.candidate
-            kind = f'{candidate.name}:{candidate.channel}'
-            if seen.get(kind, 0) >= (1 if candidate.channel else 3):
-                continue
-            least = least_gain(candidate.cost, looks, self.thresholds.false_finding)
-            if trial.gain < 0.6 * least * spread:
-                continue
-            related = candidate.name in kin
-            weak = not strong and trial.gain < top - max(20.0, 0.4 * top)
-            if (weak or len(found) >= (most or _JOINT)) and not related:
-                continue
-            seen[kind] = seen.get(kind, 0) + 1
-            try:
-                joint = fit(trial.model, current.layout, trial.x, settled=0.1, near=current)
-            except ImpactscopeError:
-                continue
-            if candidate.name == 'mains_hum' and not _everywhere(joint, current):
-                continue
-            found.append(weigh(candidate, joint, current, looks))
-            if len(found) == 1 and candidate.name in all_mechanisms():
-                kin = set(mechanism(candidate.name).kin)
-        found.sort(key=lambda f: f.criterion)
-        if found and found[0].candidate.name in ('low_pass_filter', 'clock_error'):
-            found += self._filters(current, found[0], looks)
-            found.sort(key=lambda f: f.criterion)
-        return found
-
-    @staticmethod
-    def _filters(current: Fit, like: Found, looks: int) -> list[Found]:
-        """Filters of every order in the place of a filter or a delay."""
-        values = like.fit.values
-        channel = like.candidate.channel
-        rate = next(
-            b.channels[channel].sample_rate
-            for b in current.model.data.blows
-            if channel in b.channels
-        )
-        found = []
-        for candidate, cutoff in filters_like(like.candidate, values, rate):
-            model = candidate.extend(current.model)
-            known = {**values, candidate.free[0].key: cutoff}
-            x = np.array([f.to_inner(known[f.key]) for f in model.free])
-            try:
-                joint = fit(model, current.layout, x, settled=0.1, near=like.fit)
-            except ImpactscopeError:
-                continue
-            found.append(weigh(candidate, joint, current, looks))
-        return found
 
     def check(self, outcome: Outcome) -> None:
         """Let the held-out recordings judge; see :func:`check_held_out`."""
@@ -563,20 +428,3 @@ def _renewed(current: Fit, outcome: Outcome) -> Fit:
     base = dataclasses.replace(outcome.baseline.model, data=model.data)
     outcome.baseline = dataclasses.replace(outcome.baseline, model=base)
     return dataclasses.replace(current, model=model)
-
-
-def _everywhere(joint: Fit, current: Fit) -> bool:
-    """Whether a hum is there before the blows, too: else it stands for something that is not."""
-    model, layout = joint.model, joint.layout
-    before = np.zeros(layout.size, dtype=np.bool_)
-    for (i, name), span in layout.spans.items():
-        blow = model.data.blows[i]
-        before[span] = blow.channels[name].centres[layout.masks[i, name]] < blow.onset - 2e-3
-    old, new = current.residuals[: layout.size], joint.residuals[: layout.size]
-    change = (new - old) ** 2
-    gain = old**2 - new**2
-    share = float(np.sum(change[before])) / max(float(np.sum(change)), 1e-300)
-    wanted = share * float(np.sum(gain))
-    # one standard deviation of the gain is twice its root; a channel that is not compared before
-    # the blows (the impactor while it falls) cannot speak against
-    return float(np.sum(gain[before])) >= 0.5 * wanted - 2.0 * math.sqrt(max(wanted, 0.0))

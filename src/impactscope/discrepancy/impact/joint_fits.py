@@ -1,0 +1,195 @@
+"""Candidates beside a fitted model: ordered by simulation, judged by joint fits.
+
+Every candidate is tried at the model's numbers; what those could re-tune is projected out of its
+signature, and what remains is compared with the residual. The best are fitted jointly with
+everything else, and their fall of chi-square is weighed against the number of looks.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.evidence import Thresholds, least_gain
+from impactscope.discrepancy.impact.candidates import Candidate, candidates, filters_like
+from impactscope.discrepancy.impact.fit import Fit, at_point, fit
+from impactscope.discrepancy.impact.outcome import QUIET, Found, weigh
+from impactscope.discrepancy.impact.strong import in_place_of, race, related
+from impactscope.discrepancy.impact.workbench import Trial, Workbench
+from impactscope.errors import ImpactscopeError
+from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
+
+__all__ = ['LOST', 'JointFits']
+
+Array = NDArray[np.float64]
+
+LOST = 2.0
+"""Reduced chi-square above which a longer window tells nothing more."""
+
+_JOINT = 6  # candidates that are fitted jointly in a step
+
+
+@dataclass(eq=False)
+class JointFits:
+    """Tries candidates beside fits of a campaign; see the module's description."""
+
+    baseline_names: Sequence[str]
+    thresholds: Thresholds
+    tried: tuple[Array, list[Trial]] = field(default_factory=lambda: (np.zeros(0), []))
+    """Residual and trials of the last ordering."""
+    window: float = math.inf  # s after the onset, that is being looked at
+
+    def step(
+        self, current: Fit, sound: Fit | None = None, most: int = 0
+    ) -> tuple[list[Found], int]:
+        """Candidates fitted jointly, the best first, and the number of candidates.
+
+        ``sound``: a fit of the same model to a shorter window that had nothing amiss; where the
+        misfit is large, its numbers are closer to the truth than those that were bent to fit.
+        """
+        listed = candidates(current, self.baseline_names)
+        place = current
+        if sound is not None and sound.x.size == current.x.size and current.reduced > LOST:
+            place = at_point(current.model, current.layout, sound.x)
+        trials = self.order(place, listed)
+        found = self.judge(current, trials, len(listed), most or _JOINT)
+        if current.reduced > LOST and not most:
+            found = self._strong(current, found, len(listed))
+        return self._settle(current, found, len(listed)), len(listed)
+
+    def _strong(self, current: Fit, found: list[Found], looks: int) -> list[Found]:
+        """Candidates fitted from better places where much is missing; the best first."""
+        fits = [(f.candidate, f.fit) for f in found]
+        if not found or found[0].fit.reduced > QUIET:
+            fits += race(current, self.baseline_names, self.window)
+        if not fits:
+            return found
+        fits.sort(key=lambda item: item[1].chi_square)
+        candidate, leader = fits[0]
+        for other in related(candidate, candidates(current, self.baseline_names)):
+            instead = in_place_of(leader, current.model, other)
+            if instead is not None:
+                fits.append((other, instead))
+        best: dict[str, Found] = {}
+        for candidate, joint in fits:
+            item = weigh(candidate, joint, current, looks)
+            known = best.get(candidate.label)
+            if known is None or item.criterion < known.criterion:
+                best[candidate.label] = item
+        return sorted(best.values(), key=lambda f: f.criterion)
+
+    def _settle(self, current: Fit, found: list[Found], looks: int) -> list[Found]:
+        """Weigh again where a candidate only showed the way to a better fit without it."""
+        best = current
+        for item in found[:2]:
+            if item.fit.reduced > 1.5:
+                continue
+            if not item.counts(self.thresholds.false_finding):
+                continue
+            known = item.fit.values
+            x = np.array([f.to_inner(known[f.key]) for f in current.model.free])
+            again = fit(current.model, current.layout, x, near=current)
+            if again.chi_square < best.chi_square:
+                best = again
+        if best is current:
+            return found
+        fresh = [weigh(f.candidate, f.fit, best, looks) for f in found]
+        return sorted(fresh, key=lambda f: f.criterion)
+
+    def order(self, current: Fit, listed: Sequence[Candidate]) -> list[Trial]:
+        """Every candidate tried, the most promising first."""
+        workbench = Workbench(current)
+        tried = [found for c in listed if (found := workbench.best(c))]
+        self.tried = workbench.residual, [t for found in tried for t in found]
+        tried.sort(key=lambda found: found[0].gain, reverse=True)
+        top = []
+        for found in tried[: 2 * _JOINT]:
+            better = [workbench.refined(workbench.scaled(t)) for t in found]
+            best = max(better, key=lambda t: t.gain)
+            # at full strength bounces need more re-tuning than a linear one: what it was when
+            # weak counts, too
+            top.append(dataclasses.replace(best, gain=max(best.gain, found[0].gain)))
+        top.sort(key=lambda t: t.gain, reverse=True)
+        return top
+
+    def judge(
+        self, current: Fit, trials: Sequence[Trial], looks: int, most: int = 0
+    ) -> list[Found]:
+        """The most promising trials fitted jointly; the best by its criterion first."""
+        found: list[Found] = []
+        seen: dict[str, int] = {}
+        strong = current.reduced > QUIET
+        spread = max(1.0, current.reduced)
+        top = trials[0].gain if trials else 0.0
+        kin: set[str] = set()
+        for trial in trials:
+            candidate = trial.candidate
+            kind = f'{candidate.name}:{candidate.channel}'
+            if seen.get(kind, 0) >= (1 if candidate.channel else 3):
+                continue
+            least = least_gain(candidate.cost, looks, self.thresholds.false_finding)
+            if trial.gain < 0.6 * least * spread:
+                continue
+            related = candidate.name in kin
+            weak = not strong and trial.gain < top - max(20.0, 0.4 * top)
+            if (weak or len(found) >= (most or _JOINT)) and not related:
+                continue
+            seen[kind] = seen.get(kind, 0) + 1
+            try:
+                joint = fit(trial.model, current.layout, trial.x, settled=0.1, near=current)
+            except ImpactscopeError:
+                continue
+            if candidate.name == 'mains_hum' and not _everywhere(joint, current):
+                continue
+            found.append(weigh(candidate, joint, current, looks))
+            if len(found) == 1 and candidate.name in all_mechanisms():
+                kin = set(mechanism(candidate.name).kin)
+        found.sort(key=lambda f: f.criterion)
+        if found and found[0].candidate.name in ('low_pass_filter', 'clock_error'):
+            found += self._filters(current, found[0], looks)
+            found.sort(key=lambda f: f.criterion)
+        return found
+
+    @staticmethod
+    def _filters(current: Fit, like: Found, looks: int) -> list[Found]:
+        """Filters of every order in the place of a filter or a delay."""
+        values = like.fit.values
+        channel = like.candidate.channel
+        rate = next(
+            b.channels[channel].sample_rate
+            for b in current.model.data.blows
+            if channel in b.channels
+        )
+        found = []
+        for candidate, cutoff in filters_like(like.candidate, values, rate):
+            model = candidate.extend(current.model)
+            known = {**values, candidate.free[0].key: cutoff}
+            x = np.array([f.to_inner(known[f.key]) for f in model.free])
+            try:
+                joint = fit(model, current.layout, x, settled=0.1, near=like.fit)
+            except ImpactscopeError:
+                continue
+            found.append(weigh(candidate, joint, current, looks))
+        return found
+
+
+def _everywhere(joint: Fit, current: Fit) -> bool:
+    """Whether a hum is there before the blows, too: else it stands for something that is not."""
+    model, layout = joint.model, joint.layout
+    before = np.zeros(layout.size, dtype=np.bool_)
+    for (i, name), span in layout.spans.items():
+        blow = model.data.blows[i]
+        before[span] = blow.channels[name].centres[layout.masks[i, name]] < blow.onset - 2e-3
+    old, new = current.residuals[: layout.size], joint.residuals[: layout.size]
+    change = (new - old) ** 2
+    gain = old**2 - new**2
+    share = float(np.sum(change[before])) / max(float(np.sum(change)), 1e-300)
+    wanted = share * float(np.sum(gain))
+    # one standard deviation of the gain is twice its root; a channel that is not compared before
+    # the blows (the impactor while it falls) cannot speak against
+    return float(np.sum(gain[before])) >= 0.5 * wanted - 2.0 * math.sqrt(max(wanted, 0.0))
