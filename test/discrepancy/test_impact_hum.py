@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from impactscope.discrepancy.impact.candidates import Candidate
+from impactscope.discrepancy.impact.joint_fits import _everywhere
 from impactscope.discrepancy.impact.model import Free
 from impactscope.discrepancy.impact.outcome import weigh
-from impactscope.discrepancy.impact.search import _everywhere
 
 TIMES = np.linspace(-0.2, 0.8, 1000)
 HUM = 3 * np.sin(2 * np.pi * 50 * TIMES)
