@@ -77,6 +77,6 @@ def test_a_delay_within_a_sample_or_so_may_be_a_filter(offset, drift, alike):
         'offset': ParameterEstimate(offset, 1e-6, 's'),
         'drift': ParameterEstimate(drift, 1e-8, '1'),
     }
-    clock = Finding('clock_error', 0.9, numbers)
+    clock = Finding('clock_error', 0.9, parameters=numbers)
     marked = _filter_or_delay(clock, filtered(100.0))
     assert marked.confused_with == (('low_pass_filter',) if alike else ())
