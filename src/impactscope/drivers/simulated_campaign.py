@@ -35,7 +35,7 @@ from impactscope.recordings import RecordingWriter
 from impactscope.records import NANOSECONDS, SampleBlock
 from impactscope.version import __version__
 
-__all__ = ['describe_effects', 'parse_effect', 'write_campaign']
+__all__ = ['BLOWS', 'TAPS', 'describe_effects', 'parse_effect', 'write_campaign']
 
 START_NS = 1_704_067_200 * NANOSECONDS  # 2024-01-01T00:00:00Z, so that a seed gives one file
 NOISE = {
