@@ -10,14 +10,19 @@ import pytest
 
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.candidates import candidates
+from impactscope.discrepancy.impact.cold_start import cold_starts
 from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.fit import at_point, fit
 from impactscope.discrepancy.impact.follow import (
+    _by_taps,
     fit_baseline,
     further_misfit,
     held_out_fit,
     prediction_misfit,
     with_repeatability,
 )
+from impactscope.discrepancy.impact.outcome import settled_without
 from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import BareContact
 
@@ -54,6 +59,43 @@ def test_a_bare_contact_is_met_whatever_its_law(make_campaign, stiffness, restit
     held_out = held_out_fit(found, found.model.data.held_out)
     assert held_out is not None
     assert prediction_misfit(found, held_out) < 1.2
+
+
+def test_taps_hold_the_bench_while_a_bare_contact_is_met(make_campaign):
+    contact = BareContact(1e8, restitution=0.7)
+    campaign = make_campaign(43, bare=contact, baseline=BARE, rate=5000.0)
+    model = baseline_model(campaign, prepare(campaign))
+    found = _by_taps(model, cold_starts(model)[0])
+    assert found is not None
+    assert found.reduced < 1.2
+    assert found.values['contact.stiffness'] == pytest.approx(1e8, rel=0.1)
+
+
+def test_taps_that_miss_something_hold_nothing(make_campaign):
+    effect = Effect('coulomb_friction', {'force': 2.0})
+    campaign = make_campaign(44, (effect,), bare=BareContact(1e8), baseline=BARE, rate=5000.0)
+    model = baseline_model(campaign, prepare(campaign))
+    assert _by_taps(model, cold_starts(model)[0]) is None
+
+
+def test_a_finding_smaller_than_its_uncertainty_makes_the_fit_without_it_look_again(
+    make_campaign,
+):
+    campaign = make_campaign(41)
+    model = baseline_model(campaign, prepare(campaign))
+    found = fit_baseline(model)
+    number = next(c for c in candidates(found, ()) if c.label.startswith('wrong mass_distance'))
+    extended = number.extend(found.model)
+    known = found.values
+    start = np.array([f.to_inner(known.get(f.key, f.start)) for f in extended.free])
+    joint = fit(extended, found.layout, start, near=found)
+    x = found.x.copy()
+    x[found.model.index('sensor.damping_ratio')] += 0.05  # of its logarithm
+    elsewhere = at_point(found.model, found.layout, x)
+    assert elsewhere.chi_square > found.chi_square + 100.0
+    again = settled_without(joint, [number], elsewhere)
+    assert again.chi_square == pytest.approx(found.chi_square, abs=1.0)
+    assert settled_without(joint, [number], found) is found
 
 
 def test_what_no_bench_repeats_counts_once_however_often_it_is_looked_at(make_campaign):

@@ -46,21 +46,71 @@ _SETTLED = 0.02  # of chi-square
 _OPEN = 0.05  # relative, of a number that a short window does not tell
 _TOLD = 0.005  # relative, likewise of a bare contact: each bounce amplifies it
 _STEEP = 'contact.'
+_RUNG = 1.15  # reduced chi-square up to which taps are understood
 _WAYS = 2  # pairs of starts within what a short window leaves open
 _FAR = 2.0  # standard deviations
 
 
 def fit_baseline(model: ImpactModel) -> Fit:
     """The baseline re-tuned to the blows that are fitted, from a cold start; see `follow`."""
-    blows = model.data.fitted
     model = _by_noise_alone(model)
-    starts, known = met(model, cold_starts(model))
-    others = [i for i in blows if i not in known]
-    tried = [placed(model, x, blows, others) for x in starts]
-    short = min((f for f in tried if f is not None), key=lambda f: f.chi_square)
+    starts = cold_starts(model)
+    bare = 'contact.stiffness' in model.values(starts[0])
+    by_taps = _by_taps(model, starts[0]) if bare else None
+    if by_taps is not None and _settled(by_taps):
+        return by_taps
+    short = _short(model, starts)
     found = follow(short)
     if not _settled(found) and _open(short):
         found = _by_other_ways(short, found)
+    return found if by_taps is None else _further(found, by_taps)
+
+
+def _short(model: ImpactModel, starts: Sequence[Array]) -> Fit:
+    """The fit over the shortest windows that is best."""
+    blows = model.data.fitted
+    starts, known = met(model, starts)
+    others = [i for i in blows if i not in known]
+    tried = [placed(model, x, blows, others) for x in starts]
+    return min((f for f in tried if f is not None), key=lambda f: f.chi_square)
+
+
+def _by_taps(model: ImpactModel, start: Array) -> Fit | None:
+    """A fit that first holds what the taps tell; None where they tell nothing or miss something.
+
+    Bare contacts of a few samples are steep: free to move, everything that is known of the bench
+    would be bent to meet them, and the fit not find back.
+    """
+    blows = model.data.fitted
+    taps = [i for i in blows if model.data.blows[i].recording.kind == 'tap']
+    if not taps or len(taps) == len(blows):
+        return None
+    try:
+        layout = model.layout(taps)
+        rung = fit(model, layout, start, iterations=12, settled=1.0)
+        if rung.reduced > _RUNG:
+            return None
+        told = np.linalg.norm(rung.jacobian[: layout.size], axis=0) > 0.0
+        held = {
+            f.key: rung.values[f.key]
+            for f, known in zip(model.free, told, strict=True)
+            if f.blow is None and (known or f.key.startswith('gain.'))
+        }
+        alone = model.extended(constants=held)
+        alone.free = tuple(f for f in model.free if f.key not in held)
+        short = _short(alone, cold_starts(alone))
+        x = np.array([f.to_inner(short.values[f.key]) for f in model.free])
+        return follow(fit(model, short.layout, x, iterations=12, settled=1.0))
+    except (ImpactscopeError, ValueError):
+        return None
+
+
+def _further(found: Fit, other: Fit) -> Fit:
+    """The fit that follows the blows further; of two that go as far the one that leaves less."""
+    longer = other.layout.size > 1.02 * found.layout.size
+    as_long = other.layout.size > 0.98 * found.layout.size
+    if longer or (as_long and other.reduced < found.reduced - 1e-3):
+        return other
     return found
 
 
@@ -94,11 +144,7 @@ def _by_other_ways(short: Fit, found: Fit) -> Fit:
         for x in (short.x + step, short.x - step):
             start = dataclasses.replace(short, x=np.clip(x, lower, upper))
             with contextlib.suppress(ImpactscopeError):
-                other = follow(start)
-                longer = other.layout.size > 1.02 * found.layout.size
-                as_long = other.layout.size > 0.98 * found.layout.size
-                if longer or (as_long and other.reduced < found.reduced - 1e-3):
-                    found = other
+                found = _further(found, follow(start))
             if _settled(found):
                 return found
     return found

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.evidence import Thresholds, least_gain
 from impactscope.discrepancy.impact.candidates import Candidate, candidates, filters_like
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit
-from impactscope.discrepancy.impact.outcome import QUIET, Found, weigh
+from impactscope.discrepancy.impact.outcome import QUIET, Found, settled_without, weigh
 from impactscope.discrepancy.impact.strong import in_place_of, race, related
 from impactscope.discrepancy.impact.workbench import Trial, Workbench
 from impactscope.errors import ImpactscopeError
@@ -46,8 +46,10 @@ class JointFits:
 
     def step(
         self, current: Fit, sound: Fit | None = None, most: int = 0
-    ) -> tuple[list[Found], int]:
-        """Candidates fitted jointly, the best first, and the number of candidates.
+    ) -> tuple[list[Found], int, Fit]:
+        """Candidates fitted jointly, the best first; their number; the model without them.
+
+        The last is ``current``, or a better fit of the same model that a candidate led to.
 
         ``sound``: a fit of the same model to a shorter window that had nothing amiss; where the
         misfit is large, its numbers are closer to the truth than those that were bent to fit.
@@ -60,7 +62,8 @@ class JointFits:
         found = self.judge(current, trials, len(listed), most or _JOINT)
         if current.reduced > LOST and not most:
             found = self._strong(current, found, len(listed))
-        return self._settle(current, found, len(listed)), len(listed)
+        found, settled = self._settle(current, found, len(listed))
+        return found, len(listed), settled
 
     def _strong(self, current: Fit, found: list[Found], looks: int) -> list[Found]:
         """Candidates fitted from better places where much is missing; the best first."""
@@ -83,23 +86,23 @@ class JointFits:
                 best[candidate.label] = item
         return sorted(best.values(), key=lambda f: f.criterion)
 
-    def _settle(self, current: Fit, found: list[Found], looks: int) -> list[Found]:
+    def _settle(self, current: Fit, found: list[Found], looks: int) -> tuple[list[Found], Fit]:
         """Weigh again where a candidate only showed the way to a better fit without it."""
         best = current
         for item in found[:2]:
             if item.fit.reduced > 1.5:
                 continue
-            if not item.counts(self.thresholds.false_finding):
-                continue
-            known = item.fit.values
-            x = np.array([f.to_inner(known[f.key]) for f in current.model.free])
-            again = fit(current.model, current.layout, x, near=current)
-            if again.chi_square < best.chi_square:
-                best = again
+            if item.counts(self.thresholds.false_finding):
+                known = item.fit.values
+                x = np.array([f.to_inner(known[f.key]) for f in current.model.free])
+                again = fit(current.model, current.layout, x, near=current)
+                if again.chi_square < best.chi_square:
+                    best = again
+            best = settled_without(item.fit, [item.candidate], best)
         if best is current:
-            return found
+            return found, current
         fresh = [weigh(f.candidate, f.fit, best, looks) for f in found]
-        return sorted(fresh, key=lambda f: f.criterion)
+        return sorted(fresh, key=lambda f: f.criterion), best
 
     def order(self, current: Fit, listed: Sequence[Candidate]) -> list[Trial]:
         """Every candidate tried, the most promising first."""

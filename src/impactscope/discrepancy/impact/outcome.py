@@ -14,9 +14,19 @@ from impactscope.discrepancy.impact.candidates import Candidate
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.model import Layout
 
-__all__ = ['QUIET', 'Found', 'Outcome', 'evidence_for', 'weigh', 'with_findings']
+__all__ = [
+    'QUIET',
+    'Found',
+    'Outcome',
+    'evidence_for',
+    'settled_without',
+    'weigh',
+    'with_findings',
+]
 
 _MAINS_BAND = 0.5  # Hz about the mains and their harmonics
+_UNBORNE = 4.0  # times the gain that a finding's size explains, from which a fit is doubted
+_LEAST = 9.0  # of chi-square, that are worth another fit
 QUIET = 1.15  # reduced chi-square below which a short window holds nothing to look for
 
 
@@ -106,4 +116,49 @@ def with_findings(outcome: Outcome, chosen: Sequence[Candidate], layout: Layout)
         fits.append(fit(model, layout, x, settled=0.1, near=outcome.final))
         if fits[-1].reduced < QUIET:
             break
-    return min(fits, key=lambda f: f.chi_square)
+    best = min(fits, key=lambda f: f.chi_square)
+    labels = {c.label for c in chosen}
+    gone = [c for c in outcome.accepted if c.label not in labels]
+    return settled_without(outcome.final, gone, best)
+
+
+def settled_without(joint: Fit, gone: Sequence[Candidate], without: Fit) -> Fit:
+    """A fit without some findings, from a better place where it has missed its minimum.
+
+    A finding whose size is no more than its own uncertainty cannot explain many units of
+    chi-square: the fit without it stands in another minimum. The fit with it tells where the
+    numbers go as the finding vanishes, and from there the fit without it is taken again.
+
+    Args:
+        joint: a fit with them.
+        gone: the findings that the other fit does not have.
+        without: that fit, over the same samples.
+    """
+    gain = without.chi_square - joint.chi_square
+    if joint.layout.size != without.layout.size or gain < _LEAST:
+        return without
+    keys = {f.key: j for j, f in enumerate(joint.model.free)}
+    moves = np.zeros(joint.x.size)
+    for candidate in gone:
+        for key, absent in candidate.amplitudes.items():
+            if key not in keys or not math.isfinite(absent):
+                return without
+            free = joint.model.free[keys[key]]
+            if free.logarithmic and absent <= 0.0:
+                return without
+            moves[keys[key]] = free.to_inner(absent) - joint.x[keys[key]]
+    if not np.any(moves):
+        return without
+    kept = [keys[f.key] for f in without.model.free if f.key in keys]
+    if len(kept) != without.x.size:
+        return without
+    slopes = joint.jacobian
+    left = joint.residuals + slopes @ moves
+    scale = np.maximum(np.linalg.norm(slopes[:, kept], axis=0), 1e-300)
+    answer = np.linalg.lstsq(slopes[:, kept] / scale, -left, rcond=1e-10)[0]
+    foreseen = left + slopes[:, kept] @ (answer / scale)
+    expected = float(foreseen @ foreseen) - joint.chi_square
+    if gain < _UNBORNE * max(expected, 1.0):
+        return without
+    again = fit(without.model, without.layout, joint.x[kept] + answer / scale, settled=0.1)
+    return again if again.chi_square < without.chi_square else without

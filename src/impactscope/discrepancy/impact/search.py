@@ -289,7 +289,7 @@ class Search:
     def _forward(self, current: Fit, outcome: Outcome, sound: Fit | None, *, last: bool) -> Fit:
         """Add what is missing within the current window, one candidate after the other."""
         while len(outcome.accepted) < _MOST:
-            found, outcome.looks = self.fits.step(current, sound)
+            found, outcome.looks, current = self.fits.step(current, sound)
             sound = None
             outcome.last = found
             allowed = self.thresholds.false_finding / (1 + len(_LOOKED))
@@ -390,7 +390,7 @@ class Search:
         """Of the best first steps, the one from which the next step leads furthest."""
         reached = []
         for first in good[:_BEAM]:
-            found, _ = self.fits.step(first.fit, most=_AHEAD)
+            found, _, _ = self.fits.step(first.fit, most=_AHEAD)
             best = min((f.fit.chi_square for f in found), default=first.fit.chi_square)
             reached.append((best, first))
         return min(reached, key=lambda item: item[0])[1]
