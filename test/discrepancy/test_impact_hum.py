@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from impactscope.discrepancy.impact.candidates import Candidate
+from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.joint_fits import _everywhere
 from impactscope.discrepancy.impact.model import Free
 from impactscope.discrepancy.impact.outcome import weigh

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact.candidates import Candidate, filters_like
+from impactscope.discrepancy.impact.candidate import Candidate
+from impactscope.discrepancy.impact.chain_candidates import filters_like
 from impactscope.discrepancy.impact.pairs import _promising
 from impactscope.discrepancy.impact.workbench import Trial
 from impactscope.physics.twin.assembly import Effect

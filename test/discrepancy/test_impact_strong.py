@@ -9,7 +9,8 @@ import pytest
 
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.baseline import baseline_model
-from impactscope.discrepancy.impact.candidates import candidates, kin_of
+from impactscope.discrepancy.impact.candidate import kin_of
+from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.data import prepare
 from impactscope.discrepancy.impact.fit import fit
 from impactscope.discrepancy.impact.follow import fit_baseline

@@ -27,7 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import integrate, stats
 
-from impactscope.discrepancy.impact.candidates import Candidate, candidates, stronger
+from impactscope.discrepancy.impact.candidate import Candidate, stronger
+from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.chain_laws import chain_laws
 from impactscope.discrepancy.impact.fit import Fit, fit, projector
 from impactscope.discrepancy.impact.laws import GROUPS, Law, law_responses

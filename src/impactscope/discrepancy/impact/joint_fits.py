@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.evidence import Thresholds, least_gain
-from impactscope.discrepancy.impact.candidates import Candidate, candidates, filters_like
+from impactscope.discrepancy.impact.candidate import Candidate
+from impactscope.discrepancy.impact.candidates import candidates
+from impactscope.discrepancy.impact.chain_candidates import filters_like
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit
 from impactscope.discrepancy.impact.outcome import QUIET, Found, settled_without, weigh
 from impactscope.discrepancy.impact.strong import in_place_of, race, related

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impactscope.discrepancy.impact.candidates import Candidate, candidates
+from impactscope.discrepancy.impact.candidate import Candidate
+from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.fit import Fit
 from impactscope.discrepancy.impact.follow import fit_baseline
 from impactscope.discrepancy.impact.model import ImpactModel

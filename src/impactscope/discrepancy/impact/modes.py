@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from impactscope.discrepancy.answer import ParameterEstimate
-from impactscope.discrepancy.impact.candidates import Candidate
+from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.errors import ImpactscopeError
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from impactscope.discrepancy.evidence import family_p_value, information
 from impactscope.discrepancy.impact.adequacy import LONE, TOLD, Adequacy
-from impactscope.discrepancy.impact.candidates import Candidate
+from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.model import Layout
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.evidence import family_p_value, information, least_gain
-from impactscope.discrepancy.impact.candidates import Candidate, stronger
+from impactscope.discrepancy.impact.candidate import Candidate, stronger
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.outcome import evidence_for
 from impactscope.discrepancy.impact.workbench import Trial

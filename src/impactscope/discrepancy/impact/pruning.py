@@ -9,7 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from impactscope.discrepancy.evidence import Thresholds, family_p_value
-from impactscope.discrepancy.impact.candidates import Candidate, candidates, kin_of
+from impactscope.discrepancy.impact.candidate import Candidate, kin_of
+from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.discrepancy.impact.outcome import Found, Outcome, weigh, with_findings

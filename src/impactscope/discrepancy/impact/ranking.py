@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from impactscope.discrepancy.answer import Finding, ParameterEstimate
 from impactscope.discrepancy.evidence import Thresholds, probabilities
-from impactscope.discrepancy.impact.candidates import Candidate
+from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.estimates import estimates, stated_value
 from impactscope.discrepancy.impact.fit import Fit
 from impactscope.discrepancy.impact.modes import widened

@@ -21,7 +21,8 @@ from impactscope.discrepancy.evidence import (
     information,
 )
 from impactscope.discrepancy.impact.adequacy import adequacy
-from impactscope.discrepancy.impact.candidates import Candidate, candidates
+from impactscope.discrepancy.impact.candidate import Candidate
+from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit
 from impactscope.discrepancy.impact.follow import (
     fit_baseline,

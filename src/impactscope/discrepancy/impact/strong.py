@@ -17,7 +17,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.discrepancy.impact.candidates import Candidate, candidates, kin_of
+from impactscope.discrepancy.impact.candidate import Candidate, kin_of
+from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.cold_start import cold_starts, placed
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit
 from impactscope.discrepancy.impact.follow import fit_baseline

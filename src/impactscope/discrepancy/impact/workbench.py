@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.discrepancy.impact.candidates import Candidate, stronger
+from impactscope.discrepancy.impact.candidate import Candidate, stronger
 from impactscope.discrepancy.impact.fit import Fit, jacobian, projector
 from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.errors import ImpactscopeError

@@ -1,0 +1,140 @@
+"""What a measuring chain may do to a channel: filters, hum, limits, clocks, drifts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+from impactscope.discrepancy.impact.candidate import Candidate
+from impactscope.discrepancy.impact.model import ActiveEffect, Free
+from impactscope.discrepancy.impact.scene import Scene
+from impactscope.physics.mechanisms.mechanism import Mechanism
+from impactscope.physics.mechanisms.registry import mechanism
+
+__all__ = ['chain_candidates', 'filters_like']
+
+_FILTERS = ((1, 0), (2, 0), (4, 0), (1, 1), (2, 1), (4, 1))  # order, zero phase, tried at first
+_ALL_FILTERS = tuple((order, zero_phase) for zero_phase in (0, 1) for order in (1, 2, 3, 4))
+_ORDER_DOUBT = 2.0  # for each order of a filter: the lowest that explains as much stands
+_DELAYS = {1: 1.0, 2: 1.4142, 3: 2.0, 4: 2.6131}  # of a Butterworth filter, over 1 / (2 pi cutoff)
+
+
+def chain_candidates(kind: Mechanism, channel: str, scene: Scene) -> Iterator[Candidate]:
+    """One mechanism of the measuring chain in a channel, in each of its forms."""
+    active = ActiveEffect(kind.name, channel)
+    tag = active.tag
+    common = {
+        'name': kind.name,
+        'subsystem': kind.subsystem.value,
+        'effects': (active,),
+        'channel': channel,
+    }
+    noise = scene.model.data.noise[channel]
+    rate = scene.rates[channel]
+    if kind.name == 'low_pass_filter':
+        highest = 0.49 * rate
+        cutoffs = [f for f in (30.0, 100.0, 300.0, 1000.0, 3000.0) if f < 0.9 * highest]
+        for order, zero_phase in _FILTERS:
+            yield _low_pass(channel, order, zero_phase, highest, cutoffs)
+    elif kind.name == 'mains_hum':
+        free = [Free(f'{tag}.frequency', 50.0, 0.02, 10.0, 1000.0)]
+        free += [
+            Free(f'{tag}.{part}@{i}', 0.0, noise, blow=i)
+            for i in range(len(scene.model.data.blows))
+            for part in ('sine', 'cosine')
+        ]
+        frequencies = dict.fromkeys((50.0, 60.0, *scene.resonances.get(channel, ())[:2]))
+        parts = {f.key: noise for f in free[1:]}
+        yield Candidate(
+            label=tag,
+            free=tuple(free),
+            constants={f'{tag}.amplitude': 0.0, f'{tag}.phase': 0.0},
+            starts=tuple({f'{tag}.frequency': f, **parts} for f in frequencies),
+            amplitudes=dict.fromkeys(parts, 0.0),
+            **common,  # type: ignore[arg-type]
+        )
+    elif kind.name == 'saturation':
+        key = f'{tag}.limit'
+        peak = max(scene.peak[channel], noise)
+        yield Candidate(
+            label=tag,
+            free=(Free(key, peak, 0.02, 0.05 * peak, 1.2 * peak, logarithmic=True),),
+            starts=tuple({key: s * peak} for s in (0.999, 0.97, 0.85, 0.6)),
+            **common,  # type: ignore[arg-type]
+        )
+    elif kind.name == 'clock_error':
+        offset = Free(f'{tag}.offset', 0.0, 1e-5, -0.02, 0.02)
+        drift = Free(f'{tag}.drift', 0.0, 1e-4, -0.01, 0.01)
+        for numbers in ((offset,), (offset, drift)):
+            yield Candidate(
+                label=f'{tag} {"offset" if len(numbers) == 1 else "and drift"}',
+                free=numbers,
+                constants={} if len(numbers) == 2 else {drift.key: 0.0},
+                starts=({offset.key: 2e-5, drift.key: 1e-5},),
+                amplitudes={f.key: 0.0 for f in numbers},
+                **common,  # type: ignore[arg-type]
+            )
+    else:
+        yield from _plain_chain(kind, tag, noise, common)
+
+
+def _low_pass(
+    channel: str, order: int, zero_phase: int, highest: float, cutoffs: Sequence[float]
+) -> Candidate:
+    active = ActiveEffect('low_pass_filter', channel)
+    tag, kind = active.tag, mechanism('low_pass_filter')
+    key = f'{tag}.cutoff'
+    return Candidate(
+        label=f'{tag} of order {order}{", zero phase" if zero_phase else ""}',
+        name=kind.name,
+        subsystem=kind.subsystem.value,
+        free=(Free(key, 300.0, 0.05, 1.0, highest, logarithmic=True),),
+        effects=(active,),
+        constants={f'{tag}.order': order, f'{tag}.zero_phase': zero_phase},
+        starts=tuple({key: f} for f in cutoffs),
+        channel=channel,
+        doubt=_ORDER_DOUBT * (order - 1),
+    )
+
+
+def filters_like(
+    candidate: Candidate, values: Mapping[str, float], sample_rate: float
+) -> Iterator[tuple[Candidate, float]]:
+    """Every low-pass filter that a fitted one, or a late clock, may be; with its cut-off to start.
+
+    Causal filters of one delay look alike, whatever their order; those without a phase of one
+    cut-off.
+    """
+    channel, highest = candidate.channel, 0.49 * sample_rate
+    if candidate.name == 'clock_error':
+        delay, cutoff = values[f'clock_error:{channel}.offset'], 0.5 * highest
+    else:
+        cutoff = values[f'low_pass_filter:{channel}.cutoff']
+        delay = _DELAYS[round(candidate.constants[f'low_pass_filter:{channel}.order'])]
+        delay = delay / (2 * math.pi * cutoff)
+    for order, zero_phase in _ALL_FILTERS:
+        if not zero_phase and delay <= 0.0:
+            continue
+        start = cutoff if zero_phase else _DELAYS[order] / (2 * math.pi * delay)
+        other = _low_pass(channel, order, zero_phase, highest, (start,))
+        if other.label != candidate.label:
+            yield other, min(start, 0.99 * highest)
+
+
+def _plain_chain(
+    kind: Mechanism, tag: str, noise: float, common: Mapping[str, object]
+) -> Iterator[Candidate]:
+    """Effects of the chain that are small numbers of the channel's unit, or a corner."""
+    free, start = [], {}
+    for p in kind.parameters:
+        key = f'{tag}.{p.name}'
+        trial = 0.3 if p.unit == 'Hz' else noise
+        start[key] = trial
+        free.append(Free(key, trial, trial, p.lower, p.upper))
+    yield Candidate(
+        label=tag,
+        free=tuple(free),
+        starts=(start,),
+        amplitudes={f.key: 0.0 for f in free},
+        **common,  # type: ignore[arg-type]
+    )

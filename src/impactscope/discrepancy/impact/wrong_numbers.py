@@ -1,0 +1,97 @@
+"""Stated numbers that may be wrong: those of sensor, layer, pendulum, and of each blow."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+
+from impactscope.discrepancy.impact.candidate import Candidate
+from impactscope.discrepancy.impact.model import ActiveEffect, Free, ImpactModel
+
+__all__ = ['wrong_numbers']
+
+
+def wrong_numbers(model: ImpactModel) -> Iterator[Candidate]:
+    """Stated numbers that may be wrong: constants set free, and priors let go."""
+    values = model.values(model.start())
+    for number in model.free:
+        if number.prior is None or number.key.startswith('tap_'):
+            continue
+        recording = '' if number.blow is None else model.data.blows[number.blow].name
+        if number.blow is not None and number.blow not in model.data.fitted:
+            continue
+        freed = Free(
+            number.key,
+            number.start,
+            number.scale,
+            number.lower,
+            number.upper,
+            number.logarithmic,
+            None,
+            number.blow,
+        )
+        yield Candidate(
+            label=f'wrong {number.key}',
+            name='wrong_parameter',
+            subsystem='parameter',
+            free=(freed,),
+            parameter=number.key,
+            recording=recording,
+        )
+    for key, value in model.constants.items():
+        stated = key.startswith(('sensor.', 'damper.', 'pendulum.', 'mass_distance@'))
+        place = key.startswith('mass_distance@')  # that may be nought
+        if not stated or not (value > 0 or place):
+            continue
+        blow = int(key.split('@')[1]) if '@' in key else None
+        if blow is not None and blow not in model.data.fitted:
+            continue
+        yield Candidate(
+            label=f'wrong {key}',
+            name='wrong_parameter',
+            subsystem='parameter',
+            free=(
+                Free(key, value, 0.005, 0.0, 0.6, blow=blow)
+                if place
+                else Free(key, value, 0.02, value / 20, value * 20, logarithmic=True, blow=blow),
+            ),
+            starts=({key: value + 0.005 if place else 1.05 * value},),
+            amplitudes={key: value},
+            parameter=key,
+            recording='' if blow is None else model.data.blows[blow].name,
+        )
+    swings = any(b.recording.kind == 'pendulum' for b in model.data.blows)
+    if swings and 'pendulum.contact_distance' in values:
+        yield from _other_orientation(model)
+
+
+def _other_orientation(model: ImpactModel) -> Iterator[Candidate]:
+    """The label of the bench's orientation is wrong: speed and weight change.
+
+    A hanging pendulum is pulled back to where it hit, unless it is caught or led.
+    """
+    other = 1.0 - model.constants['orientation']
+    missing = 'restoring_force' if other > 0.5 else 'gravity_load'
+    parameter = 'stiffness' if other > 0.5 else 'force'
+    effects: tuple[ActiveEffect, ...] = ()
+    constants: dict[str, float] = {'orientation': other}
+    if missing not in {e.name for e in model.effects}:
+        effects = (ActiveEffect(missing),)
+        constants[f'{missing}.{parameter}'] = math.nan
+    whole = Candidate(
+        label='wrong orientation',
+        name='wrong_parameter',
+        subsystem='parameter',
+        effects=effects,
+        constants=constants,
+        parameter='orientation',
+    )
+    yield whole
+    if effects and missing == 'restoring_force':
+        yield dataclasses.replace(
+            whole,
+            label='wrong orientation, nothing pulls back',
+            effects=(),
+            constants={'orientation': other},
+        )
