@@ -7,7 +7,7 @@ import pytest
 
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.candidate import Candidate
-from impactscope.discrepancy.impact.chain_candidates import filters_like
+from impactscope.discrepancy.impact.chain_candidates import delays_like
 from impactscope.discrepancy.impact.pairs import _promising
 from impactscope.discrepancy.impact.workbench import Trial
 from impactscope.physics.twin.assembly import Effect
@@ -44,9 +44,10 @@ def test_a_strength_of_the_wrong_sign_is_no_pair():
 
 
 def test_filters_of_one_delay_are_offered_for_a_late_clock():
-    clock = Candidate('late', 'clock_error', 'measurement', channel='force')
-    offered = list(filters_like(clock, {'clock_error:force.offset': 1e-3}, 10_000.0))
+    clock = Candidate('clock_error:force offset', 'clock_error', 'measurement', channel='force')
+    offered = list(delays_like(clock, {'clock_error:force.offset': 1e-3}, 10_000.0))
     assert len(offered) == 8
+    assert {c.name for c, _ in offered} == {'low_pass_filter'}
     delays = {
         c.constants['low_pass_filter:force.order']: cutoff
         for c, cutoff in offered
@@ -54,8 +55,20 @@ def test_filters_of_one_delay_are_offered_for_a_late_clock():
     }
     assert delays[1] == pytest.approx(1 / (2 * np.pi * 1e-3))
     assert sorted(delays.values()) == [delays[order] for order in (1, 2, 3, 4)]
-    early = list(filters_like(clock, {'clock_error:force.offset': -1e-3}, 10_000.0))
+    early = list(delays_like(clock, {'clock_error:force.offset': -1e-3}, 10_000.0))
     assert all(c.constants['low_pass_filter:force.zero_phase'] for c, _ in early)
+    short = list(delays_like(clock, {'clock_error:force.offset': 4e-5}, 10_000.0))
+    ahead = [f for c, f in short if c.constants.get('low_pass_filter:force.ahead')]
+    assert min(ahead) == pytest.approx(1 / (2 * np.pi * 4e-5))  # of first order
+
+
+def test_a_late_clock_is_offered_for_a_filter():
+    constants = {'low_pass_filter:force.order': 2, 'low_pass_filter:force.zero_phase': 0}
+    found = Candidate('f', 'low_pass_filter', 'measurement', channel='force', constants=constants)
+    values = {'low_pass_filter:force.cutoff': 1000.0}
+    clock, delay = next(iter(delays_like(found, values, 10_000.0)))
+    assert clock.name == 'clock_error'
+    assert delay == pytest.approx(2**0.5 / (2 * np.pi * 1000.0), rel=1e-4)
 
 
 @pytest.mark.slow

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from impactscope.discrepancy.impact.candidate import Candidate
+from impactscope.discrepancy.impact.measuring import HIGHEST, LOWEST_AHEAD
 from impactscope.discrepancy.impact.model import ActiveEffect, Free
 from impactscope.discrepancy.impact.scene import Scene
 from impactscope.physics.mechanisms.mechanism import Mechanism
 from impactscope.physics.mechanisms.registry import mechanism
 
-__all__ = ['chain_candidates', 'filters_like']
+__all__ = ['chain_candidates', 'delays_like']
 
 _FILTERS = ((1, 0), (2, 0), (4, 0), (1, 1), (2, 1), (4, 1))  # order, zero phase, tried at first
 _ALL_FILTERS = tuple((order, zero_phase) for zero_phase in (0, 1) for order in (1, 2, 3, 4))
+_ORDER_AHEAD = 2  # of a filter before sampling, tried at first
+_AHEAD = (0.25, 0.7, 2.0)  # of the sampling rate, its cut-offs to start from
+_FAR = 10.0  # of the sampling rate, above which a filter does nothing that is seen
 _ORDER_DOUBT = 2.0  # for each order of a filter: the lowest that explains as much stands
 _DELAYS = {1: 1.0, 2: 1.4142, 3: 2.0, 4: 2.6131}  # of a Butterworth filter, over 1 / (2 pi cutoff)
 
@@ -32,10 +37,10 @@ def chain_candidates(kind: Mechanism, channel: str, scene: Scene) -> Iterator[Ca
     noise = scene.model.data.noise[channel]
     rate = scene.rates[channel]
     if kind.name == 'low_pass_filter':
-        highest = 0.49 * rate
-        cutoffs = [f for f in (30.0, 100.0, 300.0, 1000.0, 3000.0) if f < 0.9 * highest]
+        cutoffs = [f for f in (30.0, 100.0, 300.0, 1000.0, 3000.0) if f < 0.9 * HIGHEST * rate]
         for order, zero_phase in _FILTERS:
-            yield _low_pass(channel, order, zero_phase, highest, cutoffs)
+            yield _low_pass(channel, order, zero_phase, rate, cutoffs)
+        yield _low_pass_ahead(channel, _ORDER_AHEAD, rate, [share * rate for share in _AHEAD])
     elif kind.name == 'mains_hum':
         free = [Free(f'{tag}.frequency', 50.0, 0.02, 10.0, 1000.0)]
         free += [
@@ -63,24 +68,16 @@ def chain_candidates(kind: Mechanism, channel: str, scene: Scene) -> Iterator[Ca
             **common,  # type: ignore[arg-type]
         )
     elif kind.name == 'clock_error':
-        offset = Free(f'{tag}.offset', 0.0, 1e-5, -0.02, 0.02)
-        drift = Free(f'{tag}.drift', 0.0, 1e-4, -0.01, 0.01)
-        for numbers in ((offset,), (offset, drift)):
-            yield Candidate(
-                label=f'{tag} {"offset" if len(numbers) == 1 else "and drift"}',
-                free=numbers,
-                constants={} if len(numbers) == 2 else {drift.key: 0.0},
-                starts=({offset.key: 2e-5, drift.key: 1e-5},),
-                amplitudes={f.key: 0.0 for f in numbers},
-                **common,  # type: ignore[arg-type]
-            )
+        yield _clock(channel, drifts=False)
+        yield _clock(channel, drifts=True)
     else:
         yield from _plain_chain(kind, tag, noise, common)
 
 
 def _low_pass(
-    channel: str, order: int, zero_phase: int, highest: float, cutoffs: Sequence[float]
+    channel: str, order: int, zero_phase: int, rate: float, cutoffs: Sequence[float]
 ) -> Candidate:
+    """A filter of samples."""
     active = ActiveEffect('low_pass_filter', channel)
     tag, kind = active.tag, mechanism('low_pass_filter')
     key = f'{tag}.cutoff'
@@ -88,7 +85,7 @@ def _low_pass(
         label=f'{tag} of order {order}{", zero phase" if zero_phase else ""}',
         name=kind.name,
         subsystem=kind.subsystem.value,
-        free=(Free(key, 300.0, 0.05, 1.0, highest, logarithmic=True),),
+        free=(Free(key, 300.0, 0.05, 1.0, HIGHEST * rate, logarithmic=True),),
         effects=(active,),
         constants={f'{tag}.order': order, f'{tag}.zero_phase': zero_phase},
         starts=tuple({key: f} for f in cutoffs),
@@ -97,28 +94,67 @@ def _low_pass(
     )
 
 
-def filters_like(
+def _low_pass_ahead(channel: str, order: int, rate: float, cutoffs: Sequence[float]) -> Candidate:
+    """A filter that acts before samples are taken; its cut-off may be above half their rate."""
+    plain = _low_pass(channel, order, 0, rate, cutoffs)
+    (number,) = plain.free
+    lower, upper = LOWEST_AHEAD * rate, _FAR * rate
+    number = dataclasses.replace(number, start=0.5 * rate, lower=lower, upper=upper)
+    constants = {**plain.constants, f'{plain.effects[0].tag}.ahead': 1.0}
+    return dataclasses.replace(
+        plain, label=f'{plain.label}, before sampling', free=(number,), constants=constants
+    )
+
+
+def _clock(channel: str, *, drifts: bool) -> Candidate:
+    active, kind = ActiveEffect('clock_error', channel), mechanism('clock_error')
+    tag = active.tag
+    offset = Free(f'{tag}.offset', 0.0, 1e-5, -0.02, 0.02)
+    drift = Free(f'{tag}.drift', 0.0, 1e-4, -0.01, 0.01)
+    numbers = (offset, drift) if drifts else (offset,)
+    return Candidate(
+        label=f'{tag} {"and drift" if drifts else "offset"}',
+        name=kind.name,
+        subsystem=kind.subsystem.value,
+        free=numbers,
+        effects=(active,),
+        constants={} if drifts else {drift.key: 0.0},
+        starts=({offset.key: 2e-5, drift.key: 1e-5},),
+        amplitudes={f.key: 0.0 for f in numbers},
+        channel=channel,
+    )
+
+
+def delays_like(
     candidate: Candidate, values: Mapping[str, float], sample_rate: float
 ) -> Iterator[tuple[Candidate, float]]:
-    """Every low-pass filter that a fitted one, or a late clock, may be; with its cut-off to start.
+    """What a fitted low-pass, or a late clock, may be as well, with its first number to start.
 
-    Causal filters of one delay look alike, whatever their order; those without a phase of one
-    cut-off.
+    Causal filters of one delay look alike, whatever their order, and a clock that is late by it;
+    filters without a phase look alike at one cut-off.
     """
-    channel, highest = candidate.channel, 0.49 * sample_rate
+    channel, highest = candidate.channel, HIGHEST * sample_rate
     if candidate.name == 'clock_error':
         delay, cutoff = values[f'clock_error:{channel}.offset'], 0.5 * highest
     else:
         cutoff = values[f'low_pass_filter:{channel}.cutoff']
         delay = _DELAYS[round(candidate.constants[f'low_pass_filter:{channel}.order'])]
         delay = delay / (2 * math.pi * cutoff)
+    clock = _clock(channel, drifts=False)
+    if clock.label != candidate.label:
+        yield clock, delay
     for order, zero_phase in _ALL_FILTERS:
         if not zero_phase and delay <= 0.0:
             continue
         start = cutoff if zero_phase else _DELAYS[order] / (2 * math.pi * delay)
-        other = _low_pass(channel, order, zero_phase, highest, (start,))
+        other = _low_pass(channel, order, zero_phase, sample_rate, (start,))
         if other.label != candidate.label:
             yield other, min(start, 0.99 * highest)
+        if zero_phase or not LOWEST_AHEAD < start / sample_rate < _FAR:
+            continue
+        ahead = _low_pass_ahead(channel, order, sample_rate, (start,))
+        if ahead.label != candidate.label:
+            yield ahead, start
 
 
 def _plain_chain(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.evidence import Thresholds, least_gain
 from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.candidates import candidates
-from impactscope.discrepancy.impact.chain_candidates import filters_like
+from impactscope.discrepancy.impact.chain_candidates import delays_like
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit
 from impactscope.discrepancy.impact.outcome import QUIET, Found, settled_without, weigh
 from impactscope.discrepancy.impact.strong import in_place_of, race, related
@@ -156,13 +156,13 @@ class JointFits:
                 kin = set(mechanism(candidate.name).kin)
         found.sort(key=lambda f: f.criterion)
         if found and found[0].candidate.name in ('low_pass_filter', 'clock_error'):
-            found += self._filters(current, found[0], looks)
+            found += self._delays(current, found[0], looks)
             found.sort(key=lambda f: f.criterion)
         return found
 
     @staticmethod
-    def _filters(current: Fit, like: Found, looks: int) -> list[Found]:
-        """Filters of every order in the place of a filter or a delay."""
+    def _delays(current: Fit, like: Found, looks: int) -> list[Found]:
+        """Filters of every order, and a late clock, in the place of a filter or a delay."""
         values = like.fit.values
         channel = like.candidate.channel
         rate = next(
@@ -171,9 +171,9 @@ class JointFits:
             if channel in b.channels
         )
         found = []
-        for candidate, cutoff in filters_like(like.candidate, values, rate):
+        for candidate, number in delays_like(like.candidate, values, rate):
             model = candidate.extend(current.model)
-            known = {**values, candidate.free[0].key: cutoff}
+            known = {**values, candidate.free[0].key: number}
             x = np.array([f.to_inner(known[f.key]) for f in model.free])
             try:
                 joint = fit(model, current.layout, x, settled=0.1, near=like.fit)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,22 +15,41 @@ from impactscope.discrepancy.impact.data import BlowData
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import mechanism
 
-__all__ = ['distort', 'moments_of', 'softened']
+__all__ = [
+    'HIGHEST',
+    'LOWEST_AHEAD',
+    'distort',
+    'fineness',
+    'moments_of',
+    'sample_moments',
+    'softened',
+]
 
 Array = NDArray[np.float64]
 
+HIGHEST = 0.49
+"""Of the sampling rate, up to which a filter may be one of samples."""
+LOWEST_AHEAD = 0.15
+"""Of the sampling rate, from which a filter that acts before sampling differs from that."""
+
+_FINE = 8  # moments for each sample, where a filter acts before sampling
+_LINES = 200  # of an arc, that are summed
 _KINK_TIME = 1.5e-5  # s around a reversal in which a sample may fall on either side of its jump
 
 
 def moments_of(
     blow: BlowData,
     shifted: Mapping[str, list[tuple[str, dict[str, float]]]],
-    whole: Mapping[str, list[tuple[str, dict[str, float]]]],
+    whole: Mapping[str, int],
 ) -> tuple[Array, dict[str, NDArray[np.int64]]]:
-    """Moments of the simulation where some channels need other moments than their nodes."""
+    """Moments of the simulation where some channels need other moments than their nodes.
+
+    ``shifted``: channels whose clock errs, with what acts on them; ``whole``: channels that need
+    every sample, with the number of moments for each.
+    """
     wanted = {}
     for name, channel in blow.channels.items():
-        moments = channel.time if name in whole else channel.nodes
+        moments = sample_moments(channel, whole[name]) if name in whole else channel.nodes
         for kind, numbers in shifted.get(name, ()):
             if kind == 'clock_error':
                 moments = (moments - numbers['offset']) / (1.0 + numbers['drift'])
@@ -44,10 +63,41 @@ def moments_of(
     return times, where
 
 
+def sample_moments(channel: BinnedChannel, fine: int) -> Array:
+    """Moments of a channel's samples, s, and ``fine`` - 1 between each two of them."""
+    if fine == 1 or channel.time.size == 0:
+        return channel.time
+    count = (channel.time.size - 1) * fine + 1
+    return np.asarray(channel.time[0] + np.arange(count) / (fine * channel.sample_rate))
+
+
+def fineness(effects: Sequence[tuple[str, Mapping[str, float]]], channel: BinnedChannel) -> int:
+    """Moments for each sample that a channel needs for what acts on it."""
+    ahead = any(
+        kind == 'low_pass_filter' and _acts_ahead(numbers, channel.sample_rate)
+        for kind, numbers in effects
+    )
+    return _FINE if ahead else 1
+
+
+def _acts_ahead(numbers: Mapping[str, float], rate: float) -> bool:
+    """Whether a low-pass acts before the samples are taken: far up it can do nothing else."""
+    return numbers.get('ahead', 0.0) > 0.5 or numbers['cutoff'] >= HIGHEST * rate
+
+
 def distort(
-    kind: str, clean: Array, moments: Array, channel: BinnedChannel, numbers: Mapping[str, float]
+    kind: str,
+    clean: Array,
+    moments: Array,
+    channel: BinnedChannel,
+    numbers: Mapping[str, float],
+    fine: int = 1,
 ) -> Array:
-    """Values of a channel at ``moments`` (s), shape (n,), after an effect of its chain."""
+    """Values of a channel at ``moments`` (s), shape (n,), after an effect of its chain.
+
+    ``fine``: moments for each sample.
+    """
+    rate = fine * channel.sample_rate
     if kind == 'clock_error' or kind == 'quantisation':
         return clean
     if kind == 'offset':
@@ -60,21 +110,51 @@ def distort(
     if kind == 'saturation':
         return np.clip(clean, -numbers['limit'], numbers['limit'])
     if kind == 'low_pass_filter':
-        return _low_pass(clean, channel.sample_rate, numbers)
+        if _acts_ahead(numbers, channel.sample_rate):
+            return _ahead(clean, rate, numbers)
+        return _low_pass(clean, rate, numbers)
     acting = mechanism(kind).distort
     if acting is None:
         raise ImpactscopeError(f'{kind} is not an effect on samples')
-    return np.asarray(acting(clean, channel.sample_rate, numbers), dtype=np.float64)
+    return np.asarray(acting(clean, rate, numbers), dtype=np.float64)
 
 
 def _low_pass(samples: Array, rate: float, numbers: Mapping[str, float]) -> Array:
-    cutoff = numbers['cutoff']
-    if cutoff >= 0.49 * rate:
-        return samples
-    sections, rest = _sections(round(numbers['order']), cutoff, rate)
+    sections, rest = _sections(round(numbers['order']), numbers['cutoff'], rate)
     if numbers['zero_phase'] > 0.5:
         return np.asarray(signal.sosfiltfilt(sections, samples))
     return np.asarray(signal.sosfilt(sections, samples, zi=rest * samples[0])[0])
+
+
+def _ahead(course: Array, rate: float, numbers: Mapping[str, float]) -> Array:
+    """What an analogue low-pass makes of a course, exact to the fourth order of the step.
+
+    The filter's response is that to straight lines between the moments. A curved course lies
+    beside them by arcs; what the filter passes of these is taken off first.
+    """
+    if course.size < 3:
+        return course
+    sections, rest, arcs = _analogue(round(numbers['order']), numbers['cutoff'] / rate)
+    straight = course.copy()
+    straight[1:-1] -= arcs * np.diff(course, 2)
+    return np.asarray(signal.sosfilt(sections, straight, zi=rest * straight[0])[0])
+
+
+@functools.lru_cache(maxsize=64)
+def _analogue(order: int, turns: float) -> tuple[Array, Array, float]:
+    """Sections of an analogue Butterworth, state at rest, and the share of arcs it passes.
+
+    ``turns``: cut-off over the rate. An arc over a step h lies y'' h^2 / 12 beside its chord on
+    average, and has the lines -y'' h^2 / (2 pi^2 n^2) cos(2 pi n t / h), which are all one at the
+    moments themselves.
+    """
+    below = signal.butter(order, 1.0, analog=True)
+    above, under, _ = signal.cont2discrete(below, 2.0 * math.pi * turns, method='foh')
+    sections = signal.tf2sos(np.ravel(above), under)
+    line = np.arange(1, _LINES + 1)
+    passed = 1.0 / np.polyval(below[1], 1j * line / turns)
+    arcs = (1.0 - 6.0 / math.pi**2 * float(np.sum(passed.real / line**2))) / 12.0
+    return sections, signal.sosfilt_zi(sections), arcs
 
 
 @functools.lru_cache(maxsize=64)

@@ -16,7 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.impact.data import BlowData, CampaignData
-from impactscope.discrepancy.impact.measuring import distort, moments_of, softened
+from impactscope.discrepancy.impact.measuring import (
+    distort,
+    fineness,
+    moments_of,
+    sample_moments,
+    softened,
+)
 from impactscope.discrepancy.impact.noise import Whitener, whitener
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.physics.mechanisms.registry import mechanism
@@ -39,6 +45,7 @@ from impactscope.physics.twin.simulate import CHANNELS, solve
 __all__ = ['SPEED_RATIO', 'ActiveEffect', 'Free', 'ImpactModel', 'Layout', 'Prediction']
 
 Array = NDArray[np.float64]
+_Moments = tuple[Array, dict[str, NDArray[np.int64]]]
 
 TOLERANCE = 1e-7
 SPEED_RATIO = 'impact_speed_loss.ratio'
@@ -146,9 +153,9 @@ class ImpactModel:
     caches: list[dict[bytes, tuple[Array, Array, NDArray[np.int64]]]] = field(
         default_factory=list, repr=False
     )
-    moments: list[dict[tuple[str, ...], tuple[Array, dict[str, NDArray[np.int64]]]]] = field(
-        default_factory=list, repr=False
-    )
+    moments: list[
+        dict[tuple[tuple[str, int], ...], tuple[Array, dict[str, NDArray[np.int64]]]]
+    ] = field(default_factory=list, repr=False)
     steps: dict[str, float] = field(default_factory=dict, repr=False)  # of finite differences
     whiteners: dict[bytes, Whitener] = field(default_factory=dict, repr=False)
 
@@ -297,23 +304,29 @@ class ImpactModel:
         start = values[f'time@{i}']
         times, where = blow.times, blow.where
         shifted = {n: e for n, e in chain.items() if any(k == 'clock_error' for k, _ in e)}
-        whole = {n: e for n, e in chain.items() if any(k in _WHOLE for k, _ in e)}
+        whole = {
+            n: fineness(e, blow.channels[n])
+            for n, e in chain.items()
+            if n in blow.channels and any(k in _WHOLE for k, _ in e)
+        }
         if shifted or whole:
-            kept = self.moments[i].get(tuple(whole)) if not shifted else None
+            needed = tuple(whole.items())
+            kept = self.moments[i].get(needed) if not shifted else None
             times, where = kept or moments_of(blow, shifted, whole)
             if not shifted:
-                self.moments[i][tuple(whole)] = times, where
+                self.moments[i][needed] = times, where
         par = self.parameters(values, i)
         rows, event_times, event_kinds = self._solve(par, i, times, start, until)
         means = {}
         for name, channel in blow.channels.items():
             gain = values.get(f'gain.{name}', 1.0)
             clean = gain * rows[where[name], CHANNELS[name][1]]
-            moments = channel.time if name in whole else channel.nodes
+            fine = whole.get(name, 1)
+            moments = sample_moments(channel, fine) if name in whole else channel.nodes
             for kind, numbers in chain.get(name, ()):
-                clean = distort(kind, clean, moments, channel, numbers)
+                clean = distort(kind, clean, moments, channel, numbers, fine)
             if name in whole:
-                means[name] = np.add.reduceat(clean, channel.edges) / channel.counts
+                means[name] = np.add.reduceat(clean[::fine], channel.edges) / channel.counts
             else:
                 means[name] = channel.averaged(clean)
         friction = _FRICTION_EVENT[event_kinds]
@@ -401,6 +414,8 @@ class ImpactModel:
             if active.name == 'mains_hum':
                 for part in ('sine', 'cosine'):
                     numbers[part] = values.get(f'{active.tag}.{part}@{i}', 0.0)
+            if active.name == 'low_pass_filter':
+                numbers['ahead'] = values.get(f'{active.tag}.ahead', 0.0)
             chain.setdefault(active.channel, []).append((active.name, numbers))
         return chain
 

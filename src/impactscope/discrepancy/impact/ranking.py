@@ -110,7 +110,10 @@ def _among_orders(finding: Finding, mine: Found, rivals: Sequence[Found]) -> Fin
         if finding.channel in b.channels
     )
     angle = math.pi * cutoffs[0] / rate
-    form = cutoffs[0] * (math.tan(angle) / angle - 1.0) if angle > _FAR_UP else 0.0
+    ahead = f'low_pass_filter:{finding.channel}.ahead' in mine.candidate.constants
+    form = 0.0
+    if angle > _FAR_UP and not ahead:
+        form = cutoffs[0] * (math.tan(angle) / angle - 1.0)
     std = math.hypot(float(stated.std), math.sqrt(spread), form)
     cutoff = ParameterEstimate(stated.value, std if math.isfinite(std) else math.nan, 'Hz')
     return dataclasses.replace(finding, parameters={**finding.parameters, 'cutoff': cutoff})
