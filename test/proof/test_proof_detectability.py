@@ -10,7 +10,7 @@ from impactscope.proof.conditions import draw_scenario
 from impactscope.proof.detectability import Freedom, samples
 from impactscope.proof.draw import alternatives, draw, solve_strength
 from impactscope.proof.effects import EFFECTS, effect
-from impactscope.proof.measurement import measure, noise_free
+from impactscope.proof.measurement import input_channel, measure, noise_free
 from impactscope.proof.scenario import Blow, Chain, Scenario
 
 
@@ -36,6 +36,21 @@ def taps(count: int = 2) -> Scenario:
 @pytest.fixture(scope='module')
 def freedom() -> Freedom:
     return Freedom(taps())
+
+
+def recorded(blow: Blow, scenario: Scenario) -> dict[str, np.ndarray]:
+    """The responses, and what a controller commands against an effect to hide it."""
+    responses = noise_free(blow, scenario)
+    if blow.kind == 'closed_loop':
+        responses['force.drive'] = input_channel(blow, blow.law.rate)
+    return responses
+
+
+@pytest.fixture(scope='module')
+def drawn() -> list[Scenario]:
+    rng = np.random.default_rng(11)
+    kinds = ['impact'] * 12 + ['chain'] * 3 + ['closed_loop'] * 6
+    return [draw_scenario(rng, kind) for kind in kinds]
 
 
 def test_nothing_is_not_detectable(freedom):
@@ -136,10 +151,9 @@ def test_nothing_left_looks_like_nothing(freedom):
 
 
 @pytest.mark.parametrize('key', [e.key for e in EFFECTS if e.family != 'label'])
-def test_every_effect_changes_a_campaign_and_its_parameters_are_told(key):
+def test_every_effect_changes_a_campaign_and_its_parameters_are_told(key, drawn):
     chosen = effect(key)
     rng = np.random.default_rng(11)
-    drawn = (draw_scenario(rng, kind) for kind in ['impact'] * 30 + ['chain'])
     scenario = next(s for s in drawn if chosen.fits(s))
     scenario = chosen.prepare(replace(scenario, blows=(scenario.blows[0], scenario.blows[-1])))
     aux = chosen.setup(rng, scenario)
@@ -150,11 +164,7 @@ def test_every_effect_changes_a_campaign_and_its_parameters_are_told(key):
         a, b = (measure(s.blows[-1], s, np.random.default_rng(1)) for s in (turned, scenario))
     else:
         a, b = (
-            {
-                f'{i}{n}': v
-                for i, blow in enumerate(s.blows)
-                for n, v in noise_free(blow, s).items()
-            }
+            {f'{i}{n}': v for i, blow in enumerate(s.blows) for n, v in recorded(blow, s).items()}
             for s in (turned, scenario)
         )
     assert max(float(np.abs(a[n] - b[n]).max()) for n in a) > 1e-3

@@ -72,6 +72,12 @@ class Bench(NamedTuple):
     # outside the library: a damping force ~ d^order/dt^order
     fractional: float = 0.0  # N s^order/m
     fractional_order: float = 0.5
+    # a driven axis
+    drive_gain: float = 1.0  # true over commanded force
+    ripple: float = 0.0  # N, outside the library: sin(2 pi x / pitch)
+    ripple_pitch: float = 0.01  # m
+    fading: float = 0.0  # N, outside the library: friction fading exp(-t / time)
+    fading_time: float = 1.0  # s
 
 
 BENCH = Bench()

@@ -13,8 +13,9 @@ from impactscope.recordings import RecordingWriter
 from impactscope.records import NANOSECONDS, SampleBlock
 
 from .bench import GRAVITY
+from .detectability import AXIS_DAMPING, AXIS_MASS
 from .effect import swung
-from .measurement import INPUTS, measure
+from .measurement import INPUTS, REFERENCE, measure
 from .scenario import STRIKES, Blow, Scenario
 
 __all__ = ['campaign_file', 'write_campaign']
@@ -53,7 +54,7 @@ def campaign_file(stated: Scenario) -> dict[str, object]:
         return {
             'version': 1,
             'bench': _given_bench(stated),
-            **({'model': {'modes': 1}} if stated.kind == 'driven' else {}),
+            **_model(stated),
             'baseline': list(stated.baseline),
             'recordings': [
                 {'file': _file_name(i), 'role': blow.role} for i, blow in enumerate(stated.blows)
@@ -85,6 +86,26 @@ def campaign_file(stated: Scenario) -> dict[str, object]:
     }
 
 
+def _model(stated: Scenario) -> dict[str, object]:
+    if stated.kind == 'driven':
+        return {'model': {'modes': 1}}
+    if stated.kind != 'closed_loop':
+        return {}
+    model: dict[str, object] = {'model': {'restoring': 'none'}}
+    numbers = stated.stated_axis
+    if numbers is None:
+        return model
+    sensor = {
+        name: {'value': numbers[name], 'std': float(f'{share * numbers[name]:.2g}'), 'unit': unit}
+        for name, share, unit in (
+            ('moving_mass', AXIS_MASS, 'kg'),
+            ('damping', AXIS_DAMPING, 'N s/m'),
+        )
+    }
+    gain_std = {name.split('.')[0]: value for name, value in stated.gain_std.items()}
+    return model | {'sensor': sensor, 'gain_std': gain_std}
+
+
 def _pendulum(stated: Scenario) -> dict[str, object]:
     angle = {'release_angle_std_deg': stated.angle_std_deg}
     return {'pendulum': stated.pendulum._asdict() | angle}
@@ -94,6 +115,15 @@ def _given_bench(stated: Scenario) -> dict[str, object]:
     given, outputs = INPUTS[stated.kind], list(stated.channels)
     if stated.kind == 'driven':
         return {'kind': 'driven', 'input': given, 'outputs': outputs}
+    if stated.kind == 'closed_loop':
+        law = stated.blows[0].law
+        return {
+            'kind': 'driven',
+            'input': given,
+            'outputs': outputs,
+            'reference': REFERENCE,
+            'controller': {'kp': law.kp, 'kv': law.kv, 'gain': law.gain},
+        }
     if stated.kind == 'prescribed':
         return {'kind': 'prescribed_motion', 'motion': given, 'output': outputs[0]}
     return {'kind': 'chain', 'input': given, 'output': outputs[0]}
@@ -125,7 +155,7 @@ def _write_recording(
 ) -> None:
     rates = {**truth.rates}
     if truth.kind in INPUTS:
-        rates[INPUTS[truth.kind]] = max(truth.rates.values())
+        rates[INPUTS[truth.kind]] = rates[REFERENCE] = max(truth.rates.values())
     blocks = []
     for name, values in measure(blow, truth, rng).items():
         size = math.ceil(BLOCK_SECONDS * rates[name])

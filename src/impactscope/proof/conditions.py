@@ -9,21 +9,41 @@ from dataclasses import replace
 import numpy as np
 
 from .bench import BENCH, GRAVITY, Bench, Pendulum, Pulse
+from .conditions_axis import axis_scenario
 from .detectability import STATED
 from .given_course import Wave
 from .integrator import COLUMNS, integrate
 from .measurement import INPUTS, REPEATABLE
+from .noise import COLOURS, Colour, draw_colour
 from .scenario import STRIKES, Blow, Chain, Scenario, Sensor, impactor
 
 __all__ = ['draw_scenario']
 
 LAYER = {'layer_stiffness': 38320.0, 'branch_stiffness': 18840.0, 'branch_damping': 77900.0}
+COLOURED = 1 / 3  # share of the campaigns whose noise is not white
 _DISTANCES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)
 
 
 def draw_scenario(rng: np.random.Generator, kind: str = 'impact') -> Scenario:
-    """A clean campaign under random conditions; ``kind`` as of :class:`Scenario`."""
-    return _KINDS[kind](rng)
+    """A clean campaign under random conditions; ``kind`` as of :class:`Scenario`.
+
+    In a third of all campaigns the noise of the responses is not white.
+    """
+    scenario = _KINDS[kind](rng)
+    if rng.random() >= COLOURED:
+        return scenario
+    colour = str(rng.choice(COLOURS))
+    return replace(
+        scenario,
+        colours={
+            n: _with_steps(draw_colour(rng, colour), scenario.colour(n)) for n in scenario.rates
+        },
+    )
+
+
+def _with_steps(colour: Colour, before: Colour) -> Colour:
+    """A colour that keeps the steps a converter had before."""
+    return colour._replace(step=colour.step or before.step)
 
 
 def _impact(rng: np.random.Generator) -> Scenario:
@@ -314,6 +334,7 @@ def _given(
 _KINDS: Mapping[str, Callable[[np.random.Generator], Scenario]] = {
     'impact': _impact,
     'driven': _driven,
+    'closed_loop': axis_scenario,
     'prescribed': _prescribed,
     'chain': _chain,
 }

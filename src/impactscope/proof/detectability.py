@@ -3,7 +3,9 @@
 d' is the norm, in units of the noise, of what remains between the campaign with the effect and
 the baseline after the baseline's own freedom has been used up: stiffness within its stated
 uncertainty, mass, damping, contact law, the gain of each channel within its calibration, and
-for each blow its moment, its release angle within the tolerance or the strength of the tap.
+for each blow its moment, its release angle within the tolerance or the strength of the tap. An
+axis in closed loop is compared under the force as recorded, whatever made the controller
+command it; where it begins and how fast is free in every recording.
 Where an effect can be re-tuned away completely d' is 0, however large it is.
 """
 
@@ -20,10 +22,22 @@ from numpy.typing import NDArray
 from .measurement import noise_free, whitened
 from .scenario import STRIKES, Blow, Scenario, impactor
 
-__all__ = ['STATED', 'Companion', 'Freedom', 'Knob', 'norm', 'samples']
+__all__ = [
+    'AXIS_DAMPING',
+    'AXIS_MASS',
+    'DRIVE_GAIN',
+    'STATED',
+    'Companion',
+    'Freedom',
+    'Knob',
+    'norm',
+    'samples',
+]
 
 Array = NDArray[np.float64]
 
+# relative standard deviations of what is stated of an axis, where it is
+AXIS_MASS, AXIS_DAMPING, DRIVE_GAIN = 0.01, 0.05, 0.003
 STATED = 0.02  # relative: what is known of a stated mass and speed of a robot or a falling body
 _SPANS = (0.03, 0.1, 0.3)  # s after the first contact
 _FACTOR = 0.1, 5.0  # the least and the most a number of the bench is turned by
@@ -53,9 +67,16 @@ def samples(scenario: Scenario, spans: Scenario | None = None) -> list[Array]:
     ``spans``: the campaign whose taps say which samples carry no weight; by default this one.
     """
     return [
-        whitened(noise_free(blow, scenario), scenario, span)
+        _sampled(blow, scenario, span)
         for blow, span in zip(scenario.blows, (spans or scenario).blows, strict=True)
     ]
+
+
+def _sampled(blow: Blow, scenario: Scenario, span: Blow) -> Array:
+    if span.role == 'hold_out':  # carries no weight: not worth a simulation
+        count = sum(math.ceil(span.duration * scenario.rates[n]) for n in scenario.channels)
+        return np.zeros(count)
+    return whitened(noise_free(blow, scenario), scenario, span)
 
 
 @dataclass(frozen=True)
@@ -106,8 +127,11 @@ class Freedom:
         if companion is not None:
             self.knobs.append(Knob(_COMPANION, 1e-3))
         self.scenario = self._tuned(np.zeros(len(self.knobs)))
-        self.reference = samples(self.scenario, baseline)
         self._prior = np.array([k.std**-2 for k in self.knobs])
+        self._leads = _leads(baseline)
+        if self._leads:
+            return
+        self.reference = samples(self.scenario, baseline)
         self._slopes = self._linearised(np.zeros(len(self.knobs)), self.reference)
 
     def remainder(self, difference: Sequence[Array]) -> list[Array]:
@@ -138,6 +162,9 @@ class Freedom:
             truth: campaign with the same recordings and channels.
             linear: by the sensitivities at the baseline alone (quick; right when small).
         """
+        if self._leads:  # what is compared is the motion under the force as recorded
+            led = Freedom(self.baseline.led_by(truth), self._companion)
+            return led.fitted(truth, linear=linear)
         target = samples(truth, self.baseline)
         if linear:
             parts = self.remainder([a - b for a, b in zip(target, self.reference, strict=True)])
@@ -145,7 +172,7 @@ class Freedom:
         rest = np.zeros(len(self.knobs))
         direct, straight = self._follow(target, rest, np.inf)
         ends = [self._left(target, direct)]
-        if not straight:
+        if not straight and self.baseline.kind != 'closed_loop':
             for span in _SPANS:
                 rest, _ = self._follow(target, rest, span)
             ends.append(self._left(target, self._follow(target, rest, np.inf)[0]))
@@ -227,7 +254,7 @@ class Freedom:
             turned[knob] += sign * step
             scenario = self._tuned(turned, only=blow)
             span = self.baseline.blows[blow]
-            ends.append(whitened(noise_free(scenario.blows[blow], scenario), scenario, span))
+            ends.append(_sampled(scenario.blows[blow], scenario, span))
         result: Array = (ends[0] - ends[1]) / (2 * step)
         return result
 
@@ -263,9 +290,15 @@ class Freedom:
         return self._companion(tuned, float(np.clip(1 + change[-1], *_COMPANION_SHARE)))
 
 
+def _leads(scenario: Scenario) -> bool:
+    """Whether this axis commands its forces itself."""
+    return scenario.kind == 'closed_loop' and any(b.led_by is None for b in scenario.blows)
+
+
 def norm(parts: Sequence[Array]) -> float:
     """Euclidean norm over all parts."""
-    return float(np.sqrt(sum(float(p @ p) for p in parts)))
+    # einsum: threads of a linear algebra library take longer to start than such sums
+    return math.sqrt(sum(float(np.einsum('i,i', p, p)) for p in parts))
 
 
 def _knobs(scenario: Scenario) -> list[Knob]:
@@ -273,6 +306,8 @@ def _knobs(scenario: Scenario) -> list[Knob]:
     stated = scenario.kind == 'impact'
     loose = sensor.stiffness_std / sensor.stiffness if stated else np.inf
     knobs = []
+    if scenario.kind == 'closed_loop':
+        return _axis_knobs(scenario)
     if scenario.kind != 'chain':
         knobs += [Knob('stiffness', 1e-4, loose), Knob('damping', 1e-3)]
     if scenario.kind in ('impact', 'driven'):
@@ -297,7 +332,24 @@ def _knobs(scenario: Scenario) -> list[Knob]:
     return knobs
 
 
+def _axis_knobs(scenario: Scenario) -> list[Knob]:
+    """Mass and damping, within what is stated of them, and where each recording begins."""
+    stated = scenario.stated_axis
+    mass, damping = (np.inf, np.inf) if stated is None else (AXIS_MASS, AXIS_DAMPING)
+    knobs = [Knob('mass', 1e-4, mass), Knob('damping', 1e-3, damping)]
+    if stated is not None:  # else it is hidden in both
+        knobs.append(Knob('drive_gain', 1e-4, DRIVE_GAIN))
+    for i, blow in enumerate(scenario.blows):
+        if blow.role == 'fit':
+            knobs += [Knob('position', 1e-5, blow=i), Knob('speed_at_begin', 1e-5, blow=i)]
+    return knobs
+
+
 def _turned(blow: Blow, name: str, value: float, scenario: Scenario) -> Blow:
+    if name == 'position':
+        return replace(blow, begin=(blow.begin[0] + value, blow.begin[1]))
+    if name == 'speed_at_begin':
+        return replace(blow, begin=(blow.begin[0], blow.begin[1] + value))
     if name == 'start':
         return replace(blow, start=blow.start + value)
     if name == 'tap':

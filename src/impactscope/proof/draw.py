@@ -13,8 +13,9 @@ from impactscope.errors import ConfigurationError
 
 from .conditions import draw_scenario
 from .detectability import Companion, Freedom, norm
-from .effect import swung
+from .effect import axial, swung
 from .effects import EFFECTS, Effect
+from .noise import seen_better
 from .scenario import Scenario
 
 __all__ = [
@@ -38,8 +39,17 @@ CATEGORIES: Mapping[str, float] = {
     'parameter': 0.09,
     'label': 0.07,
 }
-KINDS: Mapping[str, float] = {'impact': 0.7, 'driven': 0.12, 'prescribed': 0.09, 'chain': 0.09}
-_POSSIBLE = {'parameter': ('impact', 'chain'), 'label': ('impact',)}  # where numbers are stated
+KINDS: Mapping[str, float] = {
+    'impact': 0.62,
+    'driven': 0.12,
+    'closed_loop': 0.08,
+    'prescribed': 0.09,
+    'chain': 0.09,
+}
+_POSSIBLE = {  # where numbers are stated
+    'parameter': ('impact', 'closed_loop', 'chain'),
+    'label': ('impact',),
+}
 WEAKEST, STRONGEST = 0.3, 100.0  # d'
 _DRAWS = 30  # until the wanted channel comes; some effects are of one channel only
 # An alternative that leaves less than this d' cannot be ruled out: between two known courses an
@@ -97,7 +107,7 @@ def draw(
     if not _possible(category, kind):
         raise ConfigurationError(f'no campaign of kind {kind!r} conceals a wrong {category}')
     clean = draw_scenario(rng, kind)
-    while category == 'label' and not swung(clean):  # the labels that may be wrong are its
+    while not _states(clean, category):
         clean = draw_scenario(rng, kind)
     if category == 'clean':
         return Concealed(clean, clean, category)
@@ -184,7 +194,7 @@ def _without(left: Sequence[Array], mine: Sequence[Array], reached: float) -> fl
     """Norm of a remainder without the best share, 0 to 2, of another of norm ``reached``."""
     if reached == 0:
         return norm(left)
-    along = sum(float(a @ b) for a, b in zip(left, mine, strict=True))
+    along = sum(float(np.einsum('i,i', a, b)) for a, b in zip(left, mine, strict=True))
     share = min(max(along / reached**2, 0.0), 2.0)
     return math.sqrt(max(norm(left) ** 2 - 2 * share * along + (share * reached) ** 2, 0.0))
 
@@ -253,6 +263,13 @@ def _applied(effect: Effect, strength: float, aux: Mapping[str, float | str]) ->
 
 def _possible(category: str, kind: str) -> bool:
     return kind in _POSSIBLE.get(category, KINDS)
+
+
+def _states(scenario: Scenario, category: str) -> bool:
+    """Whether the file says what is to be wrong in it."""
+    if category == 'label':  # those that may be wrong are the pendulum's
+        return swung(scenario)
+    return category != 'parameter' or not axial(scenario) or scenario.stated_axis is not None
 
 
 def _drawn(rng: np.random.Generator, shares: Mapping[str, float]) -> str:
@@ -334,5 +351,5 @@ def _quantisation(
     """Steps act as further noise: d' from the rise of the variance, step²/12."""
     scenario, name = freedom.scenario, str(aux['channel'])
     count = sum(math.ceil(b.duration * scenario.rates[name]) for b in scenario.blows)
-    rise = wanted / math.sqrt(count / 2)
+    rise = wanted / math.sqrt(count / 2) / seen_better(scenario.colour(name))
     return scenario.noise[name] * math.sqrt(12 * rise), wanted

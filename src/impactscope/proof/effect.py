@@ -14,9 +14,11 @@ __all__ = [
     'Aux',
     'Effect',
     'always',
+    'axial',
     'bench_effect',
     'largest',
     'mechanical',
+    'sprung',
     'struck',
     'swung',
     'with_layer',
@@ -36,6 +38,16 @@ def always(_scenario: Scenario) -> bool:
 def mechanical(scenario: Scenario) -> bool:
     """Whether anything moves in this campaign."""
     return scenario.kind != 'chain'
+
+
+def axial(scenario: Scenario) -> bool:
+    """Whether this is an axis in closed loop, which has no spring."""
+    return scenario.kind == 'closed_loop'
+
+
+def sprung(scenario: Scenario) -> bool:
+    """Whether something moves against a spring."""
+    return mechanical(scenario) and not axial(scenario)
 
 
 def struck(scenario: Scenario) -> bool:
@@ -112,6 +124,7 @@ def bench_effect(
     setup: Setup = _nothing,
     fits: Callable[[Scenario], bool] = mechanical,
     family: str = 'library',
+    variant: str = '',
 ) -> Effect:
     """An effect that lives in fields of the bench.
 
@@ -124,6 +137,7 @@ def bench_effect(
         setup: draws what stands in the recipes by name.
         fits: which campaigns it can be concealed in.
         family: library or outside.
+        variant: tells it apart from others of the same name.
     """
 
     def apply(scenario: Scenario, strength: float, aux: Aux) -> Scenario:
@@ -133,4 +147,14 @@ def bench_effect(
     def told(strength: float, aux: Aux) -> Drawn:
         return {**cooked(parameters, strength, aux)}
 
-    return Effect(name, subsystem, apply, *span, told, setup=setup, fits=fits, family=family)
+    return Effect(
+        name,
+        subsystem,
+        apply,
+        *span,
+        told,
+        setup=setup,
+        fits=fits,
+        family=family,
+        variant=variant,
+    )

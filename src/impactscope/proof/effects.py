@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from .effect import Aux, Effect, bench_effect, largest, mechanical
+from .effect import Aux, Effect, bench_effect, largest, sprung
+from .effects_axis import AXIS_EFFECTS, AXIS_STRANGERS
 from .effects_bench import BENCH_EFFECTS
 from .effects_chain import CHAIN_EFFECTS
 from .effects_wrong import WRONG_LABELS, WRONG_NUMBERS
@@ -103,6 +104,7 @@ OUTSIDE: tuple[Effect, ...] = (
         {'share': 1.0, 'frequency': 'frequency'},
         (1e-9, 0.3),
         setup=_swing,
+        fits=sprung,
         family='outside',
     ),
     bench_effect(
@@ -121,7 +123,7 @@ OUTSIDE: tuple[Effect, ...] = (
         0.1,
         _weather_told,
         setup=_weather,
-        fits=mechanical,
+        fits=sprung,
         family='outside',
     ),
     Effect(
@@ -145,10 +147,12 @@ OUTSIDE: tuple[Effect, ...] = (
         fits=_bare,
         family='outside',
     ),
+    *AXIS_STRANGERS,
 )
 
 EFFECTS: tuple[Effect, ...] = (
     *BENCH_EFFECTS,
+    *AXIS_EFFECTS,
     *CHAIN_EFFECTS,
     *WRONG_NUMBERS,
     *WRONG_LABELS,

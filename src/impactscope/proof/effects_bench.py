@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .effect import Aux, Effect, bench_effect, largest, struck, swung, with_layer
+from .effect import Aux, Effect, bench_effect, largest, sprung, struck, swung, with_layer
 from .measurement import input_channel
 from .scenario import Scenario
 
@@ -160,9 +160,15 @@ BENCH_EFFECTS: tuple[Effect, ...] = (
         {'coefficient': 1.0},
         (1e-6, 500.0),
     ),
-    bench_effect('clearance', 'guide', {'clearance': 1.0}, {'gap': 1.0}, (1e-12, 1e-3)),
-    bench_effect('hardening_spring', 'spring', {'cubic': 1.0}, {'cubic': 1.0}, (1.0, 1e10)),
-    bench_effect('softening_spring', 'spring', {'cubic': -1.0}, {'cubic': -1.0}, (1.0, 2e9)),
+    bench_effect(
+        'clearance', 'guide', {'clearance': 1.0}, {'gap': 1.0}, (1e-12, 1e-3), fits=sprung
+    ),
+    bench_effect(
+        'hardening_spring', 'spring', {'cubic': 1.0}, {'cubic': 1.0}, (1.0, 1e10), fits=sprung
+    ),
+    bench_effect(
+        'softening_spring', 'spring', {'cubic': -1.0}, {'cubic': -1.0}, (1.0, 2e9), fits=sprung
+    ),
     bench_effect(
         'end_stop',
         'spring',
@@ -179,6 +185,7 @@ BENCH_EFFECTS: tuple[Effect, ...] = (
         {'share': 1.0, 'yield_displacement': 'yield'},
         (1e-8, 0.6),
         setup=_yield,
+        fits=sprung,
     ),
     bench_effect(
         'rate_dependent_damper',

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from .effect import Aux, Effect, cooked, largest
+from .effect import Aux, Effect, always, axial, cooked, largest
 from .measurement import INPUTS
 from .scenario import Scenario
 
@@ -79,6 +79,16 @@ def _two_devices(scenario: Scenario) -> bool:
     return scenario.kind in INPUTS or {'force', 'acceleration.plate'} <= names
 
 
+def _even(scenario: Scenario) -> bool:
+    """Whether no converter has steps already."""
+    return not any(c.step for c in scenario.colours.values())
+
+
+def _zeroed(scenario: Scenario) -> bool:
+    """Whether a constant means something: an axis may begin anywhere."""
+    return not axial(scenario)
+
+
 def _simple(
     name: str,
     fields: Mapping[str, float | str],
@@ -86,6 +96,7 @@ def _simple(
     span: tuple[float, float],
     *,
     hum: bool = False,
+    fits: Callable[[Scenario], bool] = always,
 ) -> Effect:
     """An effect in the chain of one channel, by recipes."""
 
@@ -95,7 +106,8 @@ def _simple(
     def told(strength: float, aux: Aux) -> Drawn:
         return {**cooked(parameters, strength, aux)}
 
-    return Effect(name, 'measurement', apply, *span, told, setup=_hum if hum else _channel)
+    setup = _hum if hum else _channel
+    return Effect(name, 'measurement', apply, *span, told, setup=setup, fits=fits)
 
 
 CHAIN_EFFECTS: tuple[Effect, ...] = (
@@ -110,16 +122,22 @@ CHAIN_EFFECTS: tuple[Effect, ...] = (
     ),
     _simple('ac_coupling', {'corner': 1.0}, {'corner': 1.0}, (1e-6, 10.0)),
     Effect('saturation', 'measurement', _cut, 1e-5, 0.7, _cut_told, setup=_channel),
-    _simple('quantisation', {'step': 1.0}, {'step': 1.0}, (1e-4, 100.0)),
+    _simple('quantisation', {'step': 1.0}, {'step': 1.0}, (1e-4, 100.0), fits=_even),
     _simple(
         'mains_hum',
         {'hum': 1.0, 'hum_frequency': 'frequency'},
         {'amplitude': 1.0, 'frequency': 'frequency'},
-        (1e-6, 50.0),
+        (1e-9, 50.0),
         hum=True,
     ),
-    _simple('zero_drift', {'drift': 'strength * sign'}, {'rate': 'strength * sign'}, (1e-6, 1e2)),
-    _simple('offset', {'offset': 'strength * sign'}, {'value': 'strength * sign'}, (1e-6, 50.0)),
+    _simple('zero_drift', {'drift': 'strength * sign'}, {'rate': 'strength * sign'}, (1e-9, 1e2)),
+    _simple(
+        'offset',
+        {'offset': 'strength * sign'},
+        {'value': 'strength * sign'},
+        (1e-6, 50.0),
+        fits=_zeroed,
+    ),
     Effect(
         'clock_error',
         'measurement',

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .effect import Aux, Effect, struck, swung, with_layer
+from .effect import Aux, Effect, axial, struck, swung, with_layer
 from .scenario import Blow, Scenario, impactor
 
 __all__ = ['WRONG_LABELS', 'WRONG_NUMBERS']
@@ -30,6 +30,24 @@ def _spring(rng: np.random.Generator, scenario: Scenario) -> Drawn:
     """The true spring differs from the stated one already, within what is stated of it."""
     true = scenario.blows[0].bench.stiffness
     return _sign(rng, scenario) | {'already': true / scenario.sensor.stiffness}
+
+
+def _stated_axis(scenario: Scenario) -> bool:
+    return axial(scenario) and scenario.stated_axis is not None
+
+
+def _of_axis(field: str, stated: str) -> Setup:
+    """The true number differs from the stated one already, within what is stated of it."""
+
+    def setup(rng: np.random.Generator, scenario: Scenario) -> Drawn:
+        true = float(getattr(scenario.blows[0].bench, field))
+        return _sign(rng, scenario) | {'already': true / (scenario.stated_axis or {})[stated]}
+
+    return setup
+
+
+def _drive(rng: np.random.Generator, scenario: Scenario) -> Drawn:
+    return _sign(rng, scenario) | {'already': scenario.blows[0].bench.drive_gain}
 
 
 def _wrong(
@@ -155,6 +173,9 @@ WRONG_NUMBERS: tuple[Effect, ...] = (
     _wrong('pendulum.rod_mass', _pendulum('rod_mass'), swung),
     _wrong('pendulum.contact_distance', _pendulum('contact_distance'), swung),
     _wrong('gain', _gain, _bare),
+    _wrong('sensor.moving_mass', _scaled('mass'), _stated_axis, _of_axis('mass', 'moving_mass')),
+    _wrong('sensor.damping', _scaled('damping'), _stated_axis, _of_axis('damping', 'damping')),
+    _wrong('controller.gain', _scaled('drive_gain'), _stated_axis, _drive),
 )
 
 WRONG_LABELS: tuple[Effect, ...] = (

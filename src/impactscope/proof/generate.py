@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
@@ -99,9 +100,19 @@ def answer_of(concealed: Concealed) -> dict[str, Any]:
         'recordings': len(concealed.truth.blows),
         'orientation': concealed.truth.orientation,
         'layer': concealed.truth.layer is not None,
-        'noise': dict(concealed.truth.noise),
+        'noise': {
+            name: std * math.sqrt(concealed.truth.colour(name).variance)
+            for name, std in concealed.truth.noise.items()
+        },
+        'colours': {n: c._asdict() for n, c in concealed.truth.colours.items()},
+        'tolerated': ['quantisation'] if _with_steps(concealed) else [],
         'evidence': evidence_map(concealed) if concealed.detectability >= 1 else {},
     }
+
+
+def _with_steps(concealed: Concealed) -> bool:
+    """Whether a converter's steps are part of the noise: to name them is no finding."""
+    return any(c.step for c in concealed.truth.colours.values())
 
 
 def _one(

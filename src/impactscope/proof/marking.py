@@ -48,6 +48,7 @@ class Mark:
     parameter_named: bool | None = None
     seconds: float = math.nan
     kind: str = 'impact'
+    coloured: bool = False  # whether the noise is not white
 
 
 _FAMILY = {
@@ -90,6 +91,9 @@ def mark(
         reply is not None,
         seconds=seconds,
         kind=str(answer.get('kind', 'impact')),
+        coloured=any(
+            c.get('poles') or c.get('step') for c in (answer.get('colours') or {}).values()
+        ),
     )
     if reply is None:
         if names:
@@ -100,6 +104,11 @@ def mark(
     accepted = tuple(str(a) for a in reply.get('accepted') or [])
     unexplained = _truthy(reply.get('unexplained'))
     detected = bool((reply.get('mismatch') or {}).get('detected', False))
+    tolerated = set(answer.get('tolerated') or []) - set(names)
+    if tolerated & set(accepted):  # part of the noise: to name it is neither right nor wrong
+        accepted = tuple(a for a in accepted if a not in tolerated)
+        ranking = [r for r in ranking if r.get('name') not in tolerated]
+        detected = detected and bool(accepted)
     result.accepted = accepted
     result.finding = bool(accepted) or detected or unexplained
     entry = {str(r.get('name')): r for r in ranking}

@@ -12,22 +12,37 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import bilinear, butter, lfilter, sosfilt, sosfiltfilt
 
+from .axis import Motion, between, follow, run_free
 from .given_course import course, device_force
 from .integrator import COLUMNS, integrate
+from .noise import Colour, Whitening, noise
 from .scenario import STRIKES, Blow, Chain, Scenario
+from .trajectories import position
 
-__all__ = ['INPUTS', 'REPEATABLE', 'input_channel', 'measure', 'noise_free', 'whitened']
+__all__ = [
+    'INPUTS',
+    'REFERENCE',
+    'REPEATABLE',
+    'input_channel',
+    'measure',
+    'noise_free',
+    'reference_channel',
+    'whitened',
+]
 
 Array = NDArray[np.float64]
 
 INPUTS = {  # what is recorded beside the responses, by kind of campaign
     'driven': 'force.hammer',
+    'closed_loop': 'force.drive',
     'prescribed': 'displacement.piston',
     'chain': 'acceleration.raw',
 }
+REFERENCE = 'displacement.reference'  # what an axis is to follow, recorded beside its input
 RELEASE = 0.01  # s, in which the pendulum is let go
 FINE_RATE = 40e3  # Hz at least, at which analogue filters are followed
 REPEATABLE = 1e-4  # of an impact speed: what no bench repeats and no two simulations agree on
+_SETTLING = 1.0  # s in which an axis comes to rest before its recording begins
 _REACH = 1e-3  # s around a sample in which a contact may fall
 
 
@@ -41,7 +56,9 @@ def noise_free(blow: Blow, scenario: Scenario) -> dict[str, Array]:
     for name in scenario.channels:
         chain, rate = scenario.chains[name], scenario.rates[name]
         factors[name] = (
-            math.ceil(FINE_RATE / rate) if chain.cutoff or chain.corner or chain.resonance else 1
+            math.ceil(_fine_rate(scenario, chain) / rate)
+            if chain.cutoff or chain.corner or chain.resonance
+            else 1
         )
         key = rate * factors[name], chain.clock_offset, chain.clock_drift
         groups.setdefault(key, []).append(name)
@@ -56,6 +73,13 @@ def noise_free(blow: Blow, scenario: Scenario) -> dict[str, Array]:
     return {name: result[name] for name in scenario.channels}
 
 
+def _fine_rate(scenario: Scenario, chain: Chain) -> float:
+    """Hz at which a filter is followed; an axis moves slowly."""
+    if scenario.kind != 'closed_loop':
+        return FINE_RATE
+    return min(max(8e3, 16 * chain.cutoff), FINE_RATE)
+
+
 def measure(blow: Blow, scenario: Scenario, rng: np.random.Generator) -> dict[str, Array]:
     """Samples with noise, with those of the input where one is measured."""
     result = {}
@@ -64,26 +88,55 @@ def measure(blow: Blow, scenario: Scenario, rng: np.random.Generator) -> dict[st
     )
     for name, clean in noise_free(blow, unclipped).items():
         chain = scenario.chains[name]
-        values = clean + rng.normal(0, scenario.noise[name], clean.size)
+        colour = scenario.colour(name)
+        values = clean + noise(rng, colour, scenario.noise[name], clean.size)
         if chain.limit > 0:
             values = np.clip(values, -chain.limit, chain.limit)
-        if chain.step > 0:
-            values = chain.step * np.round(values / chain.step)
+        step = max(chain.step, colour.step * scenario.noise[name])
+        if step > 0:
+            values = step * np.round(values / step)
         result[name] = values
     if scenario.kind in INPUTS:
         name, rate = INPUTS[scenario.kind], max(scenario.rates.values())
         given = input_channel(blow, rate)
-        result[name] = given + rng.normal(0, scenario.noise[name], given.size)
+        if name in scenario.noise:  # a command has none
+            given = given + rng.normal(0, scenario.noise[name], given.size)
+        result[name] = given
+    if scenario.kind == 'closed_loop':
+        result[REFERENCE] = reference_channel(blow)
     return result
 
 
 def input_channel(blow: Blow, rate: float) -> Array:
     """The driving force, the prescribed motion or the raw signal at a recording's samples."""
+    if blow.kind == 'closed_loop':
+        return _axis(blow).force
     t = np.arange(math.ceil(blow.duration * rate)) / rate
     if blow.kind != 'driven':
         return course(blow.waves, t)[0]
     forces = (pulse.force(t - blow.start) for pulse in blow.pulses)
     return sum(forces, start=np.zeros(t.size))
+
+
+def reference_channel(blow: Blow) -> Array:
+    """What an axis is to follow, at the samples of its recording; m."""
+    t = np.arange(math.ceil(blow.duration * blow.law.rate)) / blow.law.rate
+    return position(blow.moves, t) + course(blow.waves, t)[0]
+
+
+@lru_cache(maxsize=64)
+def _axis(blow: Blow) -> Motion:
+    """An axis in its loop, or under the commands of the recording that leads it."""
+    law = blow.law
+    if blow.led_by is not None:
+        led = _axis(blow.led_by)
+        start = led.position[0] + blow.begin[0], led.speed[0] + blow.begin[1]
+        return run_free(blow.bench, law, led.force, *start)
+    before = round(_SETTLING * law.rate)
+    reference = np.pad(reference_channel(blow), (before, 0), mode='edge')
+    t = (np.arange(reference.size) - before) / law.rate - blow.start
+    forces = (pulse.force(t) for pulse in blow.pulses)
+    return follow(blow.bench, law, reference, sum(forces, start=np.zeros(t.size)), before)
 
 
 def _signals(blow: Blow, t: Array, names: Sequence[str]) -> dict[str, Array]:
@@ -93,6 +146,8 @@ def _signals(blow: Blow, t: Array, names: Sequence[str]) -> dict[str, Array]:
         return dict.fromkeys(names, value)
     if blow.kind == 'prescribed':
         return dict.fromkeys(names, device_force(blow.bench, t, *course(blow.waves, t)))
+    if blow.kind == 'closed_loop':
+        return dict.fromkeys(names, between(_axis(blow), blow.law.rate, t))
     motion = _motion(blow, t - blow.start)
     return {name: motion[:, COLUMNS.index(name)] for name in names}
 
@@ -119,9 +174,19 @@ def _fall(blow: Blow, t: Array) -> Array:
     return fall
 
 
+@lru_cache(maxsize=64)
+def _sections(order: int, cutoff: float, rate: float) -> Array:
+    sections: Array = butter(order, cutoff, fs=rate, output='sos')
+    return sections
+
+
 def _filtered(signal: Array, chain: Chain, rate: float) -> Array:
+    if not (chain.cutoff or chain.corner or chain.resonance):
+        return signal
+    begin = signal[0]  # what was there for long has passed, or decayed behind AC coupling
+    signal = signal - begin
     if chain.cutoff > 0:
-        sections = butter(chain.order, chain.cutoff, fs=rate, output='sos')
+        sections = _sections(chain.order, chain.cutoff, rate)
         run: Callable[..., Array] = sosfiltfilt if chain.zero_phase else sosfilt
         signal = run(sections, signal)
     if chain.resonance > 0:
@@ -130,7 +195,9 @@ def _filtered(signal: Array, chain: Chain, rate: float) -> Array:
         signal = (1 - chain.resonance) * signal + chain.resonance * lfilter(*swing, signal)
     if chain.corner > 0:
         signal = sosfilt(butter(1, chain.corner, 'highpass', fs=rate, output='sos'), signal)
-    return signal
+        begin = 0.0
+    result: Array = signal + begin
+    return result
 
 
 def _shifted(signal: Array, t: Array, chain: Chain, phase: float) -> Array:
@@ -147,34 +214,37 @@ def _shifted(signal: Array, t: Array, chain: Chain, phase: float) -> Array:
 def whitened(samples: Mapping[str, Array], scenario: Scenario, blow: Blow) -> Array:
     """All channels of one recording in units of their noise, one after another.
 
+    Noise that is not white is made so (:class:`Whitening`): what is left has the norm that its
+    true covariance gives it.
     What a speed that is ``REPEATABLE`` more or less would move counts as noise too, since every
     further contact amplifies it. No weight is carried by samples taken while a tap of unknown
     course acts or the impactor is let go and falls, nor by recordings that are held out: they
     judge, they are not fitted.
     """
+    plain = blow if blow.led_by is None else replace(blow, led_by=None, begin=(0.0, 0.0))
     return np.concatenate(
         [
-            samples[name]
-            / scenario.noise[name]
-            * _weights(blow, name, scenario.rates[name], scenario.noise[name])
+            _whitening(
+                plain, name, scenario.rates[name], scenario.noise[name], scenario.colour(name)
+            )(samples[name] / scenario.noise[name])
             for name in scenario.channels
         ]
     )
 
 
 @lru_cache(maxsize=256)
-def _weights(blow: Blow, channel: str, rate: float, noise: float) -> Array:
-    """Noise of a channel over all that makes its samples uncertain, 0 to 1."""
+def _whitening(blow: Blow, channel: str, rate: float, std: float, colour: Colour) -> Whitening:
+    """What a channel's samples are worth beside all that makes them uncertain."""
     count = math.ceil(blow.duration * rate)
     if blow.role == 'hold_out':
-        return np.zeros(count)
-    weights = np.ones(count)
+        return Whitening(colour, np.zeros(count, dtype=bool))
+    seen, extra = np.ones(count, dtype=bool), None
     if blow.excited_until > 0:
         first = math.floor((blow.start - 1e-3) * rate)
-        weights[first : math.ceil((blow.start + blow.excited_until + 1e-3) * rate)] = 0.0
+        seen[first : math.ceil((blow.start + blow.excited_until + 1e-3) * rate)] = False
     if blow.kind in STRIKES:
         if channel == 'acceleration.impactor':  # how it came there is not told
-            weights[: math.ceil(blow.start * rate)] = 0.0
+            seen[: math.ceil(blow.start * rate)] = False
         faster = replace(
             blow, bench=blow.bench._replace(speed=blow.bench.speed * (1 + REPEATABLE))
         )
@@ -182,5 +252,5 @@ def _weights(blow: Blow, channel: str, rate: float, noise: float) -> Array:
         column = COLUMNS.index(channel)
         moved = np.abs(_motion(faster, t)[:, column] - _motion(blow, t)[:, column])
         moved = maximum_filter1d(moved, 2 * math.ceil(_REACH * rate) + 1)
-        weights /= np.hypot(1.0, moved / noise)
-    return weights
+        extra = (moved / std) ** 2
+    return Whitening(colour, seen, extra)

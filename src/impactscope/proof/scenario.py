@@ -6,8 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from .axis import Law
 from .bench import Bench, Pendulum, Pulse
 from .given_course import Wave
+from .noise import WHITE, Colour
+from .trajectories import Move
 
 __all__ = ['STRIKES', 'Blow', 'Chain', 'Scenario', 'Sensor', 'impactor']
 
@@ -51,7 +54,7 @@ class Sensor(NamedTuple):
 class Blow:
     """One recording: what happens in it, and what the campaign file says of it."""
 
-    kind: str  # 'tap', one of STRIKES, 'driven', 'prescribed' or 'chain'
+    kind: str  # 'tap', one of STRIKES, 'driven', 'closed_loop', 'prescribed' or 'chain'
     bench: Bench
     start: float  # s from the begin of the recording to first contact
     duration: float  # s, of the recording
@@ -66,6 +69,10 @@ class Blow:
     fall: float = 0.0  # s, from release to first contact
     hum_phase: float = 0.0  # rad
     waves: tuple[Wave, ...] = ()  # the given course, times from the begin of the recording
+    moves: tuple[Move, ...] = ()  # of the reference of an axis, likewise
+    law: Law = Law()
+    led_by: Blow | None = None  # the recording whose commanded force acts on this axis
+    begin: tuple[float, float] = (0.0, 0.0)  # m, m/s: where it begins, beside that recording
 
     @property
     def excited_until(self) -> float:
@@ -79,11 +86,11 @@ class Blow:
 class Scenario:
     """A campaign: conditions, truth, channels and their noise."""
 
-    kind: str  # 'impact', 'driven', 'prescribed' or 'chain'
+    kind: str  # 'impact', 'driven', 'closed_loop', 'prescribed' or 'chain'
     orientation: str
     blows: tuple[Blow, ...]
     rates: Mapping[str, float]  # Hz by channel
-    noise: Mapping[str, float]  # standard deviation by channel
+    noise: Mapping[str, float]  # standard deviation by channel, before its converter
     chains: Mapping[str, Chain]
     baseline: tuple[str, ...]
     sensor: Sensor = Sensor()
@@ -91,11 +98,25 @@ class Scenario:
     pendulum: Pendulum = Pendulum()
     angle_std_deg: float = 0.1
     gain_std: Mapping[str, float] = field(default_factory=dict)  # by channel
+    stated_axis: Mapping[str, float] | None = None  # its mass and damping; None: to be estimated
+    colours: Mapping[str, Colour] = field(default_factory=dict)  # of the noise; absent: white
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the recorded responses."""
         return tuple(self.rates)
+
+    def colour(self, channel: str) -> Colour:
+        """Colour of a channel's noise."""
+        return self.colours.get(channel, WHITE)
+
+    def led_by(self, truth: Scenario) -> Scenario:
+        """The same axis under the forces that are recorded in another campaign."""
+        blows = tuple(
+            replace(mine, led_by=theirs)
+            for mine, theirs in zip(self.blows, truth.blows, strict=True)
+        )
+        return replace(self, blows=blows)
 
     def with_bench(self, change: Callable[[Blow], Mapping[str, float]]) -> Scenario:
         """The same campaign with fields of every bench changed."""

@@ -75,6 +75,12 @@ def score(marks: Sequence[Mark]) -> Score:
 
     clean = [m for m in marks if m.category == 'clean']
     add('finding although nothing is missing', 'clean', clean, lambda m: m.finding)
+    for kind in KINDS:
+        of_kind = [m for m in clean if m.kind == kind]
+        add('finding although nothing is missing', kind, of_kind, lambda m: m.finding)
+    for where, coloured in (('white noise', False), ('other noise', True)):
+        of_noise = [m for m in clean if m.coloured == coloured]
+        add('finding although nothing is missing', where, of_noise, lambda m: m.finding)
     faint = [m for m in marks if m.category != 'clean' and not m.truth]
     add('finding although it cannot be seen', "d' < 1", faint, lambda m: m.finding)
     for low, high in BINS[1:]:
@@ -94,6 +100,9 @@ def score(marks: Sequence[Mark]) -> Score:
     strong = [m for m in marks if m.truth and _visible(m) >= 5]
     for kind in KINDS:
         add('right, whatever is hidden', kind, [m for m in strong if m.kind == kind], _right)
+    for where, coloured in (('white noise', False), ('other noise', True)):
+        of_noise = [m for m in strong if m.coloured == coloured]
+        add('right, whatever is hidden', where, of_noise, _right)
     covered = [c for m in strong if m.name_first for c in m.covered.values()]
     coverage = share(sum(covered), len(covered))
     shares.append(('true parameter inside 95 % interval', "d' 5 and more", coverage))
