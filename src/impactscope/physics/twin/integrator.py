@@ -1,12 +1,9 @@
 """One integrator for everything: an embedded Runge-Kutta pair with located events, compiled.
 
-Dormand and Prince's pair of order 5(4) with its dense output of order 4 steps through each mode
-of the bench. A step that would leave the mode ends where its guard crosses zero: found on the
-dense output, then stepped to anew with the full method, so that an event is as accurate as any
-other state. Corners of the drives are stepped to, never across.
-
-Sources: Dormand and Prince, J. Comput. Appl. Math. 6 (1980); Shampine, Math. Comp. 46 (1986) for
-the dense output; Hairer, Norsett and Wanner, Solving ODEs I, II.4 to II.6.
+The pair of :mod:`.runge_kutta` steps through each of the :mod:`.modes` of the bench. A step that
+would leave the mode ends where its guard crosses zero: found on the dense output, then stepped to
+anew with the full method, so that an event is as accurate as any other state. Corners of the
+drives are stepped to, never across.
 """
 
 from __future__ import annotations
@@ -20,7 +17,6 @@ from numpy.typing import NDArray
 from impactscope.physics.mechanisms.compiled import borrowed, compiled
 from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.equations import (
-    UNTRACKED,
     accelerations,
     derivative,
     energy,
@@ -29,9 +25,15 @@ from impactscope.physics.twin.equations import (
     guard,
     spring_force,
     spring_region,
-    stick_force,
-    stick_reserve,
 )
+from impactscope.physics.twin.modes import (
+    LEAST_SPEED,
+    catch,
+    change_mode,
+    guide_after,
+    slip_direction,
+)
+from impactscope.physics.twin.runge_kutta import dense_state, local_error, prepare_dense, step
 
 __all__ = ['NOT_FINITE', 'TOO_MANY_EVENTS', 'TOO_MANY_STEPS', 'integrate']
 
@@ -42,18 +44,6 @@ TOO_MANY_STEPS: Final = -1
 TOO_MANY_EVENTS: Final = -2
 NOT_FINITE: Final = -3
 
-# nodes of the stages, and Shampine's dense output by powers of the share; the second stage, and
-# the last as the first of the next step, have no weight there
-_DENSE = np.array([
-    [1.0, -8048581381 / 2820520608, 8663915743 / 2820520608, -12715105075 / 11282082432],
-    [0.0, 131558114200 / 32700410799, -68118460800 / 10900136933, 87487479700 / 32700410799],
-    [0.0, -1754552775 / 470086768, 14199869525 / 1410260304, -10690763975 / 1880347072],
-    [0.0, 127303824393 / 49829197408, -318862633887 / 49829197408, 701980252875 / 199316789632],
-    [0.0, -282668133 / 205662961, 2019193451 / 616988883, -1453857185 / 822651844],
-    [0.0, 40617522 / 29380423, -110615467 / 29380423, 69997945 / 29380423],
-])  # fmt: skip
-
-_LEAST_SPEED = 1e-12  # m/s; below this a sliding plate counts as not having turned
 _SHORTEST = 1e-11  # s
 
 
@@ -76,86 +66,6 @@ def _moving(par: Array, n: int) -> IntArray:
             places[count] = i
             count += 1
     return places[:count]
-
-
-@compiled
-def _step(
-    par: Array,
-    t: float,
-    h: float,
-    y: Array,
-    contact: int,
-    guide: int,
-    moving: IntArray,
-    k: Array,
-    y_new: Array,
-) -> None:
-    """One step from ``y`` (its rate in ``k[0]``) to ``y_new``; fills the stages ``k``.
-
-    What is not among ``moving`` stays as it is in ``y_new``.
-    """
-    for i in moving:
-        y_new[i] = y[i] + h * 0.2 * k[0, i]
-    derivative(par, t + 0.2 * h, y_new, contact, guide, k[1])
-    for i in moving:
-        y_new[i] = y[i] + h * (3 / 40 * k[0, i] + 9 / 40 * k[1, i])
-    derivative(par, t + 0.3 * h, y_new, contact, guide, k[2])
-    for i in moving:
-        y_new[i] = y[i] + h * (44 / 45 * k[0, i] - 56 / 15 * k[1, i] + 32 / 9 * k[2, i])
-    derivative(par, t + 0.8 * h, y_new, contact, guide, k[3])
-    for i in moving:
-        slope = 19372 / 6561 * k[0, i] - 25360 / 2187 * k[1, i]
-        y_new[i] = y[i] + h * (slope + 64448 / 6561 * k[2, i] - 212 / 729 * k[3, i])
-    derivative(par, t + 8 / 9 * h, y_new, contact, guide, k[4])
-    for i in moving:
-        slope = 9017 / 3168 * k[0, i] - 355 / 33 * k[1, i] + 46732 / 5247 * k[2, i]
-        y_new[i] = y[i] + h * (slope + 49 / 176 * k[3, i] - 5103 / 18656 * k[4, i])
-    derivative(par, t + h, y_new, contact, guide, k[5])
-    for i in moving:
-        slope = 35 / 384 * k[0, i] + 500 / 1113 * k[2, i] + 125 / 192 * k[3, i]
-        y_new[i] = y[i] + h * (slope - 2187 / 6784 * k[4, i] + 11 / 84 * k[5, i])
-    derivative(par, t + h, y_new, contact, guide, k[6])
-
-
-@compiled
-def _error(
-    h: float, y: Array, y_new: Array, moving: IntArray, k: Array, tolerance: float
-) -> float:
-    """Largest local error over what is tolerated, of energies a hundred times as much.
-
-    A contact whose loss ends it with a corner of its force is booked as exactly as it moves.
-    """
-    worst = 0.0
-    for i in moving:
-        fine = 0.05 if i in (at.V, at.VP, at.VQ, at.VB) else 2e-4  # m/s and m that matter
-        total = 71 / 57600 * k[0, i] - 71 / 16695 * k[2, i] + 71 / 1920 * k[3, i]
-        total += 22 / 525 * k[5, i] - 17253 / 339200 * k[4, i] - 1 / 40 * k[6, i]
-        scale = tolerance * (fine + max(abs(y[i]), abs(y_new[i])))
-        if i in (at.LOST, at.WORK):
-            scale *= 1e2
-        worst = max(worst, abs(h * total) / scale)
-    return worst
-
-
-@compiled
-def _prepare_dense(moving: IntArray, k: Array, dense: Array) -> None:
-    for i in moving:
-        for power in range(4):
-            total = _DENSE[0, power] * k[0, i]
-            for j in range(1, 6):
-                total += k[j + 1, i] * _DENSE[j, power]
-            dense[i, power] = total
-
-
-@compiled
-def _dense_state(
-    y: Array, h: float, moving: IntArray, dense: Array, share: float, out: Array
-) -> None:
-    """State at ``share`` of the step, on the dense output; what does not move is left alone."""
-    for i in moving:
-        slope = dense[i, 2] + share * dense[i, 3]
-        slope = dense[i, 0] + share * (dense[i, 1] + share * slope)
-        out[i] = y[i] + h * share * slope
 
 
 @compiled
@@ -202,14 +112,14 @@ def _crossing(
     """Share of the step, up to ``last``, at which a guard crosses zero (Illinois method)."""
     contact, guide, region = modes
     low, high = 0.0, last
-    _dense_state(y, h, moving, dense, high, work)
+    dense_state(y, h, moving, dense, high, work)
     f_high = guard(par, work, t + high * h, contact, guide, region)[which]
     f_low = guard(par, y, t, contact, guide, region)[which]
-    if f_low <= _LEAST_SPEED:
+    if f_low <= LEAST_SPEED:
         # the mode began on its own edge: find a moment at which it is well inside
         probe = 0.5 * last
         while probe * h > _SHORTEST:
-            _dense_state(y, h, moving, dense, probe, work)
+            dense_state(y, h, moving, dense, probe, work)
             f_low = guard(par, work, t + probe * h, contact, guide, region)[which]
             if f_low > 0.0:
                 low = probe
@@ -222,7 +132,7 @@ def _crossing(
     share = high
     for _ in range(60):
         share = high - f_high * (high - low) / (f_high - f_low) if f_high != f_low else high
-        _dense_state(y, h, moving, dense, share, work)
+        dense_state(y, h, moving, dense, share, work)
         value = guard(par, work, t + share * h, contact, guide, region)[which]
         if value == 0.0 or (high - low) * h < 1e-14:
             break
@@ -275,39 +185,6 @@ def _write(
 
 
 @compiled
-def _slip_direction(par: Array, y: Array, t: float, contact: int) -> int:
-    """Way in which a stuck plate gives, from a state in which sticking asks for too much."""
-    needed = stick_force(par, y, t, contact)
-    forward, backward = par[at.STATIC_FORWARD] + needed, par[at.STATIC_BACKWARD] - needed
-    return 1 if forward < backward else -1
-
-
-@compiled
-def _guide_after(par: Array, t: float, y: Array, contact: int, tracked: bool) -> int:
-    """Guide's mode for a state: stuck, or the direction in which the plate slides."""
-    if not tracked:
-        return UNTRACKED
-    speed = y[at.V] - y[at.VB]
-    if speed > _LEAST_SPEED:
-        return 1
-    if speed < -_LEAST_SPEED:
-        return -1
-    if stick_reserve(par, stick_force(par, y, t, contact)) >= 0.0:
-        return 0
-    return _slip_direction(par, y, t, contact)
-
-
-@compiled
-def _catch(par: Array, y: Array) -> None:
-    """The impactor is held: its kinetic energy, and what its arm stores, are gone."""
-    y[at.LOST] += 0.5 * par[at.IMPACTOR_MASS] * y[at.VP] ** 2
-    y[at.VP] = 0.0
-    if par[at.SECOND_MASS] > 0.0:
-        y[at.LOST] += 0.5 * par[at.SECOND_MASS] * y[at.VQ] ** 2
-        y[at.VQ] = 0.0
-
-
-@compiled
 def _leaving(
     par: Array,
     t: float,
@@ -330,7 +207,7 @@ def _leaving(
     share, which = 2.0, -1
     prepared = False
     for i in range(3):
-        slack = _LEAST_SPEED if i == 1 and guide != 0 else 0.0
+        slack = LEAST_SPEED if i == 1 and guide != 0 else 0.0
         last = 1.0 if g1[i] < -slack else 0.0
         # between its ends the step may dip out of the mode and back
         if last == 0.0 and g0[i] > 0.0:
@@ -351,53 +228,16 @@ def _leaving(
         if last == 0.0:
             continue
         if not prepared:
-            _prepare_dense(moving, k, dense)
+            prepare_dense(moving, k, dense)
             prepared = True
         if last < 1.0:
-            _dense_state(y, h, moving, dense, last, work)
+            dense_state(y, h, moving, dense, last, work)
             if guard(par, work, t + last * h, contact, guide, region)[i] >= 0.0:
                 continue
         found = _crossing(par, t, h, y, moving, dense, modes, i, last, work)
         if found < share:
             share, which = found, i
     return share, which
-
-
-@compiled
-def _change_mode(
-    par: Array,
-    t: float,
-    y: Array,
-    modes: tuple[int, int, int],
-    which: int,
-    slips_to: int,
-    tracked: bool,
-) -> tuple[int, int, int, int]:
-    """Modes of contact, guide and spring after guard ``which`` ended one, and the event's kind."""
-    contact, guide, region = modes
-    if which == 0:
-        if contact == at.OPEN:
-            contact, kind = at.CLOSED, at.CONTACT_BEGINS
-        else:
-            contact, kind = at.OPEN, at.CONTACT_ENDS
-            if t >= par[at.CATCH_TIME]:
-                _catch(par, y)
-                contact = at.GONE
-    elif which == 1:
-        if guide == 0:
-            guide, kind = slips_to, at.SLIPS
-        else:
-            y[at.V] = y[at.VB]
-            guide = _guide_after(par, t, y, contact, tracked)
-            kind = at.STICKS if guide == 0 else at.REVERSES
-    else:
-        kind = at.SPRING_REGION
-        onward = math.copysign(1e-12, y[at.V] - y[at.VB])
-        region = spring_region(par, y[at.X] - y[at.B] + onward)
-    if which != 1 and guide == 0:
-        # a force that jumps with the mode may set a stuck plate moving
-        guide = _guide_after(par, t, y, contact, tracked)
-    return contact, guide, region, kind
 
 
 @compiled
@@ -434,7 +274,7 @@ def _run(
         or par[at.STATIC_BACKWARD] > 0.0
         or par[at.HYSTERESIS_SHARE] > 0.0
     )
-    guide = _guide_after(par, 0.0, y, contact, tracked)
+    guide = guide_after(par, 0.0, y, contact, tracked)
     region = spring_region(par, y[at.X] - y[at.B])
 
     t = 0.0
@@ -464,8 +304,8 @@ def _run(
         if fresh:
             derivative(par, t, y, contact, guide, k[0])
             fresh = False
-        _step(par, t, h, y, contact, guide, moving, k, y_new)
-        error = _error(h, y, y_new, moving, k, tolerance)
+        step(par, t, h, y, contact, guide, moving, k, y_new)
+        error = local_error(h, y, y_new, moving, k, tolerance)
         if not error <= 1.0 and h > _SHORTEST:  # also where it is not a number
             h *= max(0.1, 0.9 * error**-0.2) if error < 1e30 else 0.1
             continue
@@ -477,12 +317,12 @@ def _run(
         )
         dense_ready = which >= 0
         if not dense_ready and times[next_row] <= t + 1.001 * h:
-            _prepare_dense(moving, k, dense)
+            prepare_dense(moving, k, dense)
             dense_ready = True
         reached = h if which < 0 else max(share * h, 0.0)
         t_reached = limit if which < 0 and to_limit else t + reached
         while next_row < len(times) and times[next_row] <= t_reached:
-            _dense_state(y, h, moving, dense, (times[next_row] - t) / h, work)
+            dense_state(y, h, moving, dense, (times[next_row] - t) / h, work)
             _write(par, times[next_row], work, contact, guide, rows, next_row)
             next_row += 1
 
@@ -495,7 +335,7 @@ def _run(
             if to_limit:
                 h = max(h, wanted)
             if contact == at.OPEN and t >= par[at.CATCH_TIME]:
-                _catch(par, y)
+                catch(par, y)
                 contact = at.GONE
                 fresh = True
             continue
@@ -505,15 +345,15 @@ def _run(
             return TOO_MANY_EVENTS, n_steps
         slips_to = 0
         if which == 1 and guide == 0:
-            slips_to = _slip_direction(par, y_new, t + h, contact)
+            slips_to = slip_direction(par, y_new, t + h, contact)
         if reached > 0.0:
-            _step(par, t, reached, y, contact, guide, moving, k, y_new)
+            step(par, t, reached, y, contact, guide, moving, k, y_new)
             for i in moving:
                 y[i] = y_new[i]
             t = t_reached
         fresh = True
         h = min(wanted, 1e-4)
-        contact, guide, region, kind = _change_mode(
+        contact, guide, region, kind = change_mode(
             par, t, y, (contact, guide, region), which, slips_to, tracked
         )
         event_times[n_events] = t
