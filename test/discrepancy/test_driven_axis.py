@@ -27,12 +27,14 @@ def course(seconds, amplitude, rng):
     return np.concatenate(made)[: int(seconds * RATE)]
 
 
-def axis(reference, friction):
+def axis(reference, friction, load=0.0):
     """Encoder positions and commanded forces; exact sliding at small steps, friction implicit."""
     step = 1.0 / (RATE * FINE)
     keep = np.exp(-step * DAMPING / MASS)
     push = (1.0 - keep) / DAMPING
-    x = v = speed = last = 0.0
+    x = reference[0] - load / (SPEED_GAIN * STIFF)  # where the controller holds the load
+    v = speed = 0.0
+    last = STEP * round(x / STEP)
     positions, forces = [], []
     for wanted in reference:
         read = STEP * round(x / STEP)
@@ -42,20 +44,21 @@ def axis(reference, friction):
         positions.append(read)
         forces.append(force)
         for _ in range(FINE):
-            free = keep * v + push * force
+            free = keep * v + push * (force - load)
             new = np.sign(free) * max(abs(free) - push * friction, 0.0)
             x += 0.5 * step * (v + new)
             v = new
     return np.array(positions), np.array(forces)
 
 
-def closed_loop(seed, friction=0.0, sensor=None):
+def closed_loop(seed, friction=0.0, sensor=None, load=0.0, late=0):
     rng = np.random.default_rng(seed)
     channels, entries = {}, []
     for i in range(3):
         file = f'r{i}.mcap'
         reference = course(4.0, 0.05, rng)
-        positions, forces = axis(reference, friction)
+        positions, forces = axis(reference, friction, load)
+        positions = np.concatenate([np.full(late, positions[0]), positions])[: positions.size]
         entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
         channels[file] = {
             n: ChannelSamples(n, u, RATE, 0.0, samples)
@@ -96,6 +99,18 @@ def test_dry_friction_of_an_axis():
     assert abs(force.value - 12.0) < 4.0 * force.std + 0.01
     floor = answer.fit.noise_floor['displacement.axis']
     assert answer.fit.extended.held_out_rmse['displacement.axis'] < 1.5 * floor
+
+
+def test_the_weight_of_a_vertical_axis():
+    answer = explain_driven(closed_loop(5, load=400.0))
+    assert answer.accepted == ('offset',)
+    assert answer.findings[0].parameters['value'].value == pytest.approx(-400.0, rel=1e-3)
+
+
+def test_an_encoder_that_comes_late():
+    answer = explain_driven(closed_loop(6, late=3))
+    assert answer.accepted == ('clock_error',)
+    assert answer.findings[0].parameters['offset'].value == pytest.approx(3.0 / RATE, rel=0.01)
 
 
 def test_a_stated_damping_that_is_wrong():

@@ -12,9 +12,11 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.decide import Judge
 from impactscope.discrepancy.driven.fitting import Fit, fit, numbers_of
+from impactscope.discrepancy.driven.ladders import FRICTION
 from impactscope.discrepancy.driven.looks import HOPE, Prospect, looks, prospects
 from impactscope.discrepancy.driven.measuring import before_sampling, filter_of
 from impactscope.discrepancy.driven.model import Model, Segment
@@ -25,6 +27,7 @@ from impactscope.discrepancy.driven.terms import Term, key
 
 __all__ = ['exact_search']
 
+Array = NDArray[np.float64]
 Tell = Callable[[float], None]
 
 FITTED = 9  # candidates that are fitted at the first step; half as many later
@@ -32,6 +35,7 @@ CLOSE = 60.0  # chi-square within which a second model is kept beside the best
 DEPTH = 3
 TOLERANCE = 1e-6  # of chi-square, at which a trial fit ends
 BRIEF, EVALUATIONS = 5, 15  # at first, and then where it is worth it
+LONG = 40  # where everything depends on it
 LOST = 1000.0  # chi-square by which a fit is behind the best
 NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the best
 FAR = 10.0  # times the samples: chi-square from which a search goes on from what was found
@@ -69,7 +73,10 @@ class _Fits:
         ]
         self.looks = looks(self.model, place, first, self.segments)
         # what is tuned in every fit; its derivatives change little from one to the next
-        self.tuned = -self.here.slopes[:, : len(numbers_of(self.model, self.baseline.terms))]
+        self.tuned: Array | None = None
+        if not self.model.drifts:  # where errors add up they change
+            count = len(numbers_of(self.model, self.baseline.terms))
+            self.tuned = -self.here.slopes[:, :count]
 
     def make(
         self,
@@ -107,6 +114,11 @@ class _Fits:
             values, starts = dict(made.values), made.starts
         return made
 
+    def _to_the_end(self, made: Fit) -> Fit:
+        return fit(
+            self.model, made.terms, self.segments, made.values, made.starts, LONG, TOLERANCE
+        )
+
     def _behind(self, made: Fit) -> bool:
         """Whether a fit is so far from the best that its last digits do not matter."""
         best = min(self._misfit(f) for f in self.known.values())
@@ -119,6 +131,8 @@ class _Fits:
         if names == _labels(self.baseline.terms):
             return self.baseline
         again = self._fit(base, terms, {})
+        if self.model.drifts:  # a companion that only helped the fit on its way must not stay
+            again = self._to_the_end(again)
         known = self.known.get(names)
         if known is None or self._misfit(again) < self._misfit(known):
             self.known[names] = again
@@ -183,6 +197,7 @@ def exact_search(
     ``seed``: a fit of the same model that another search has found, to go on from.
     """
     tell = progress or (lambda _share: None)
+    judge.reference = baseline
     fits = _Fits(model, segments, baseline)
     beam = [baseline]
     if seed is not None and seed.terms:
@@ -206,6 +221,7 @@ def exact_search(
         beam = close[:2]
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
     best = _pruned(fits, best, judge)
+    best = _pruned(fits, _plain_friction(fits, best, judge), judge)
     best = _pruned(fits, _other_friction(fits, best, judge), judge)
     best = _other_asymmetry(fits, best, judge)
     best = _against_rivals(fits, best, judge)
@@ -277,6 +293,25 @@ def _best_parent(fits: _Fits, child: Fit, judge: Judge) -> Fit:
 
 def _pruned(fits: _Fits, best: Fit, judge: Judge) -> Fit:
     return prune(best, fits.baseline, judge, fits.without)
+
+
+def _plain_friction(fits: _Fits, best: Fit, judge: Judge) -> Fit:
+    """A friction of several numbers against the one of the same force both ways.
+
+    A search that goes on from a seed may never have tried it.
+    """
+    plain = next((t for t in fits.model.terms if t.label == 'coulomb_friction'), None)
+    old = next((t for t in best.terms if t.name in FRICTION and len(t.numbers) > 1), None)
+    if plain is None or old is None:
+        return best
+    sides = ('force_forward', 'force_backward', 'kinetic_force')
+    forces = [best.values[key(old, n)] for n in old.numbers if n.name in sides]
+    if not forces:
+        return best
+    rest = tuple(t for t in best.terms if t is not old)
+    initial = {key(plain, plain.numbers[0]): sum(forces) / len(forces)}
+    made = fits.make(best, (*rest, plain), initial)
+    return best if judge.better(made, best) else made
 
 
 def _other_friction(fits: _Fits, best: Fit, judge: Judge) -> Fit:

@@ -18,13 +18,15 @@ from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
 
-__all__ = ['NoiseJudge', 'each_alone', 'innovations', 'joined', 'reduced']
+__all__ = ['SLIGHT', 'NoiseJudge', 'each_alone', 'innovations', 'joined', 'reduced']
 
 Array = NDArray[np.float64]
 
 PRICE = 7.0  # chi-square that a further number must bring to be preferred
 EACH = 4.0  # the same for a further effect: two at once are rarer than one
 OWN = 2.0  # the same for a number that one recording has of its own
+# of the amplitude of what was found: a further effect as slight as that is the error of its law
+SLIGHT = 1e-4
 LOOKS = 60  # independent candidates, about
 
 
@@ -60,6 +62,8 @@ class NoiseJudge(Judge):
         """``muffled``: by segment, chi-square that a fit's filters take from the input's noise."""
         super().__init__(segments, LOOKS, thresholds)
         self.muffled = muffled
+        self.reference: Fit | None = None  # against which findings together are measured
+        self._largest = 0.0  # gain of any fit that was seen
         self._known: dict[int, tuple[float, ...]] = {}
 
     def chi_squares(self, made: Fit) -> tuple[float, ...]:
@@ -119,15 +123,24 @@ class NoiseJudge(Judge):
             return False
         gain = self.worth(small, large)
         looks = round(self.looks * _looks(small, large))
-        return gain.total > least_gain(max(gain.numbers, 1), looks, self.thresholds.false_finding)
+        least = least_gain(max(gain.numbers, 1), looks, self.thresholds.false_finding)
+        return gain.total > least + self.beside(small)
+
+    def beside(self, small: Fit) -> float:
+        """Gain that says nothing beside what ``small`` has gained already."""
+        if self.reference is None or small is self.reference:
+            return 0.0
+        return SLIGHT**2 * max(self.gain(self.reference, small).fitted, 0.0)
 
     def criterion(self, fit: Fit, reference: Fit) -> float:
         """Minus the gain over a reference, and a price for every number: smaller is better."""
         own = fit.own - reference.own
         shared = fit.added - reference.added - own
         terms = len(fit.terms) - len(reference.terms)
+        gain = self.gain(reference, fit)
+        self._largest = max(self._largest, gain.fitted)
         price = PRICE * shared + OWN * own + EACH * terms
-        return -self.gain(reference, fit).total + price
+        return price + SLIGHT**2 * self._largest * shared - gain.total
 
     def p_value(self, small: Fit, large: Fit) -> float:
         """Chance of such a gain where nothing is missing."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.discrepancy.driven.channel_effects import channel_terms
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.mechanics import Sizes, mechanical_terms
 from impactscope.discrepancy.driven.model import AT_REST, OscillatorModel, Segment, inside_samples
@@ -73,6 +74,8 @@ def linear_oscillator(
         offset_channel=cuts[0].channel if free else cuts[0].drive_channel,
     )
     terms = tuple(_shared(t) if t.name == 'hysteresis' else t for t in terms)
+    if not spring:
+        terms = (*terms, _late(cuts[0]))
     full = OscillatorModel(model.numbers, terms, free, sizes.position, sizes.speed)
     return full, segments, made
 
@@ -86,6 +89,18 @@ def _shared(term: Term) -> Term:
     numbers = tuple(share if n.name == 'stiffness' else n for n in term.numbers)
     equation = term.equation.replace('s h with', '(1 - a) k x + a k h with')
     return dataclasses.replace(term, numbers=numbers, equation=equation)
+
+
+def _late(cut: Cut) -> Term:
+    """An output that comes late: of an axis' motion even that may be most of what is left."""
+    period = 1.0 / cut.rate
+    terms = channel_terms(cut.channel, cut.unit, cut.rate, 1.0, 1.0, 1.0)
+    term = next(t for t in terms if t.label == 'clock_error/output')
+    (offset,) = term.numbers
+    offset = dataclasses.replace(
+        offset, starts=(period, 4.0 * period), scale=period, lower=-0.1, upper=0.1
+    )
+    return dataclasses.replace(term, numbers=(offset,))
 
 
 def _segment(cut: Cut, steps: int, period_samples: float, *, spring: bool, held: bool) -> Segment:
@@ -146,7 +161,9 @@ def _numbers(
     if not free:
         unit = 'kg' if (f, x) == ('N', 'm') else f'{f} s^2/{x}'
         numbers.append(Number('mass', unit, (mass,), mass, 1e-6 * mass, 1e6 * mass))
-    numbers.append(Number('damping', f'{f} s/{x}', (damping,), small))
+    # what nothing brings back would run away under a damping below zero
+    least = -math.inf if spring else 0.0
+    numbers.append(Number('damping', f'{f} s/{x}', (damping,), small, least))
     if spring:
         numbers.append(Number('stiffness', f'{f}/{x}', (stiffness,), stiffness, 1e-6 * stiffness))
     return tuple(numbers)

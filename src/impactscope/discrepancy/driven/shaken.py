@@ -49,6 +49,7 @@ ENOUGH = 0.2  # of the lines must be quiet
 ALONE = 10.0  # times the noise: a sample that stands out
 SPIKES = 0.003  # of the samples may do so
 NEIGHBOURS = 7
+SLOW = 0.01  # of half the rate: corner of an encoder's noise, as long as effects are looked for
 FEWEST = 3  # parts of a spectrum
 
 
@@ -99,7 +100,7 @@ def shaken_case(
         held: whether the force stays constant between samples.
         found: a case made before and a fit that leaves less, from which the noise is known better.
     """
-    if made.values['damping'] <= 0.0 and 'stiffness' not in made.values:
+    if made.values['damping'] < 0.0 and 'stiffness' not in made.values:
         return None
     forces = [None if held or c.drive is None else known_force(c.drive) for c in parts]
     parts = [
@@ -129,7 +130,10 @@ def shaken_case(
     for _ in range(ROUNDS if found is None else 1):
         if not all(math.isfinite(v) for v in best.values.values()):
             return None
-        ready, spectra = _whitened(parts, ready, best, forces)
+        # what a missing force does to an axis falls with the frequency, as slow noise does:
+        # only what is left beside a finding tells how slow the noise is
+        slowest = SLOW if model.drifts and found is None else 0.0
+        ready, spectra = _whitened(parts, ready, best, forces, slowest)
         if not spectra:
             return None
         if found is not None:
@@ -200,8 +204,12 @@ def _whitened(
     ready: Sequence[Segment],
     made: Fit,
     forces: Sequence[KnownForce | None],
+    slowest: float = 0.0,
 ) -> tuple[list[Segment], list[Array]]:
-    """Segments with their whitening filters, and the share of the force's noise by frequency."""
+    """Segments with their whitening filters, and the share of the force's noise by frequency.
+
+    ``slowest``: corner over half the rate below which the output's noise does not fall.
+    """
     done = list(ready)
     drifts = 'stiffness' not in made.values
     shares: list[Array] = [np.zeros(0)] * len(done)
@@ -221,7 +229,7 @@ def _whitened(
         moves = [1.0 if f is None else f.moves for f in forces]
         rings = _gain(made, s.derivative, math.pi * place / s.period)
         rings = rings * float(np.mean([moves[i] for i in told]))
-        white, force, colour = _noise(place, level, loud, rings, force, size)
+        white, force, colour = _noise(place, level, loud, rings, force, size, slowest)
         steps = min(_step(ready[i].measured) for i in told) if drifts else 0.0
         if steps > 0.0:
             white, colour = max(white, steps**2 / 12.0), None
@@ -247,6 +255,8 @@ def _whitened(
             rung = mine_force * moves[i] * _gain(made, s.derivative, math.pi * f / s.period)
             rung = np.minimum(rung, 1e12 * own)
             total = float(np.mean(own + rung))
+            if colour is not None and drifts:
+                total = min(total, float(np.mean([np.mean(r**2) for r in left])))
             filtering: Callable[[Array], Array] = whitening(own + rung, weights[i])
             known = forces[i]
             if known is not None and known.error is not None and colour is None:
@@ -303,7 +313,13 @@ def _filled(residual: Array, weight: Array | None) -> Array:
 
 
 def _noise(
-    place: Array, level: Array, loud: Array, rings: Array, force: float, size: int
+    place: Array,
+    level: Array,
+    loud: Array,
+    rings: Array,
+    force: float,
+    size: int,
+    slowest: float,
 ) -> tuple[float, float, tuple[float, float, float] | None]:
     """White level of the output, variance of the force's noise, and a colour if there is one."""
     if place.size < FEWEST:
@@ -321,7 +337,7 @@ def _noise(
         made = optimize.minimize(cost, begin, method='Nelder-Mead')
         return float(np.exp(made.x[0])), float(np.exp(made.x[1])), None
     rest = np.maximum(level - force * rings, 0.02 * level)
-    colour = fitted_colour(place, rest, loud, 0.5 * size)
+    colour = fitted_colour(place, rest, loud, 0.5 * size, slowest)
     if colour is not None:
         a, b, corner = colour
         fall = 1.0 / place if corner == 0.0 else 1.0 / (1.0 + (place / corner) ** 2)

@@ -147,7 +147,7 @@ def levels(samples: Sequence[Array]) -> tuple[Array, Array]:
 
 
 def fitted_colour(
-    place: Array, left: Array, signal_there: Array, lines: float
+    place: Array, left: Array, signal_there: Array, lines: float, slowest: float = 0.0
 ) -> tuple[float, float, float] | None:
     """White level, level of what falls with the frequency and its corner; None where it is white.
 
@@ -159,6 +159,7 @@ def fitted_colour(
         left: levels of what a fit leaves there.
         signal_there: levels of the prediction.
         lines: of the spectrum in all, over which the parts are spread.
+        slowest: corner below which no noise falls, not even with one over f.
     """
     quiet = signal_there < LOUD * left
     if np.count_nonzero(quiet) < FEWEST or place[quiet][0] > 0.2:
@@ -173,6 +174,8 @@ def fitted_colour(
     flat = cost(np.full(f.size, white))
     least: tuple[float, tuple[float, float, float]] = (math.inf, (white, 0.0, 1.0))
     for corner in (0.0, *np.geomspace(0.003, 0.6, 12)):
+        if corner < slowest:
+            continue
         shape = 1.0 / f if corner == 0.0 else 1.0 / (1.0 + (f / corner) ** 2)
 
         def trial(q: Array, shape: Array = shape) -> float:
