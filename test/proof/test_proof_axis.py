@@ -9,12 +9,13 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.signal import lfilter
 
 from impactscope.errors import InputError
 from impactscope.proof.__main__ import main
 from impactscope.proof.axis import Law, between, follow, run_free
 from impactscope.proof.bench import BENCH
-from impactscope.proof.campaign_folder import campaign_file
+from impactscope.proof.campaign_folder import campaign_file, write_campaign
 from impactscope.proof.conditions import draw_scenario
 from impactscope.proof.conditions_axis import OUTPUT
 from impactscope.proof.detectability import AXIS_MASS, Freedom
@@ -28,9 +29,11 @@ from impactscope.proof.measurement import (
     noise_free,
     reference_channel,
 )
-from impactscope.proof.noise import Colour
+from impactscope.proof.noise import Colour, Whitening
 from impactscope.proof.sealed import open_sealed
 from impactscope.proof.trajectories import Move, position
+from impactscope.recordings import open_recording
+from impactscope.records import SampleBlock
 
 AXIS = BENCH._replace(mass=40.0, stiffness=0.0, damping=90.0)
 LAW = Law(kp=12.0, kv=90.0, gain=30.0, rate=1000.0)
@@ -285,3 +288,30 @@ def test_clean_axes_alone_are_drawn_and_sealed(tmp_path):
     text = (tmp_path / 'campaigns' / 'campaign_0000' / 'campaign.yaml').read_text()
     assert 'colour' not in text
     assert 'step' not in text
+
+
+@pytest.mark.parametrize('colour', [Colour(step=0.7), Colour(0.0, (0.8,), (1.0,), 0.4)])
+def test_a_clean_campaign_on_disk_is_its_baseline_to_the_noise(tmp_path, colour):
+    """Read back, led through the closed solution, whitened: chi-square of its noise."""
+    drawn = axis(stated=True)
+    scenario = replace(drawn, colours={OUTPUT: colour})
+    write_campaign(tmp_path / 'c', scenario, scenario, np.random.default_rng(4))
+    bench, std = scenario.blows[0].bench, scenario.noise[OUTPUT]
+    chi_square, count = 0.0, 0
+    for path in sorted((tmp_path / 'c').glob('*.mcap')):
+        parts: dict[str, list[SampleBlock]] = {}
+        with open_recording(path) as recording:
+            for _, _, block in recording.records(None):
+                parts.setdefault(block.channel, []).append(block)
+        read = {n: np.concatenate([b.values for b in p]).astype(float) for n, p in parts.items()}
+        rate = parts[OUTPUT][0].sample_rate
+        tau = bench.mass / bench.damping
+        decay = math.exp(-1 / (tau * rate))
+        level = bench.drive_gain * read['force.drive'] / bench.damping
+        speed = lfilter([1], [1, -decay], np.append(0.0, level[:-1] * (1 - decay)))
+        way = np.cumsum(level / rate + (speed - level) * tau * (1 - decay))
+        left = (read[OUTPUT] - np.append(0.0, way[:-1])) / std
+        seen = np.ones(left.size, dtype=bool)
+        chi_square += float(np.sum(Whitening(colour, seen)(left) ** 2))
+        count += left.size
+    assert abs(chi_square - count) < 4 * math.sqrt(2 * count)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.errors import ConfigurationError
+from impactscope.errors import ConfigurationError, InputError
 
 from .conditions import draw_scenario
 from .detectability import Companion, Freedom, norm
@@ -51,6 +51,7 @@ _POSSIBLE = {  # where numbers are stated
     'label': ('impact',),
 }
 WEAKEST, STRONGEST = 0.3, 100.0  # d'
+_TOO_MUCH = 1e9  # d' of what cannot be
 _DRAWS = 30  # until the wanted channel comes; some effects are of one channel only
 # An alternative that leaves less than this d' cannot be ruled out: between two known courses an
 # ideal observer errs in Phi(-d'/2), here in one of twenty.
@@ -317,9 +318,12 @@ def _search(
     last: tuple[float, float] | None = None
     best = (math.inf, math.exp(at), 0.0)
     for _ in range(trials):
-        size = freedom.detectability(
-            chosen.apply(freedom.scenario, math.exp(at), aux), linear=linear
-        )
+        try:
+            size = freedom.detectability(
+                chosen.apply(freedom.scenario, math.exp(at), aux), linear=linear
+            )
+        except InputError:  # a controller that does not hold it
+            size = _TOO_MUCH
         level = math.log(max(size, 1e-9))
         miss = abs(level - math.log(wanted))
         if miss < best[0]:
