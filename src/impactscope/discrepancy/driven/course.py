@@ -108,11 +108,14 @@ def _broken(
     while True:
         knots = period * _knots(edges, [b.smooth for b in breaks], spacing, n)
         try:
-            spline = make_lsq_spline(time, samples, knots, DEGREE)
+            finer = make_lsq_spline(time, samples, knots, DEGREE)
         except (ValueError, np.linalg.LinAlgError):  # a stretch with too few samples
+            finer = None
+        if finer is None or not np.all(np.isfinite(finer.c)):  # not every such stretch is refused
             if spline is None:
                 return _broken(samples, period, order, noise, _fewer(breaks))
             break
+        spline = finer
         rest = samples - spline(time)
         if once or spacing / CLOSER < CLOSEST:
             break

@@ -54,10 +54,10 @@ def describe(s: Subject) -> Answer:
         else:
             findings.insert(len(accepted), unknown)
             accepted.append('unknown')
-    elif unexplained and not accepted:
-        findings.insert(0, Finding('unknown', 1.0, 'unknown', sentence=sentence))
-        accepted = ['unknown']
-    beside = s.case is not None and 'unknown' in accepted and len(accepted) > 1
+    elif unexplained:
+        findings.insert(len(accepted), Finding('unknown', 1.0, 'unknown', sentence=sentence))
+        accepted.append('unknown')
+    beside = 'unknown' in accepted and len(accepted) > 1
     findings = [_modest(f, MOST_BESIDE if beside else MOST) for f in findings]
     detected = bool(accepted)
     taken = findings[: len(accepted)]

@@ -56,6 +56,9 @@ COARSE = 0.01  # of the output's power: more is searched for what is plain befor
 NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
 HOPELESS = 8.0  # reduced chi-square that no better knowledge of the noise brings down to it
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
+# of a channel: a model that leaves more of some recordings, and half of those that it was fitted
+# to, explains nothing
+NEXT_TO_NOTHING, HALF_OF_IT = 0.9, 0.5
 REPEATS = 2  # searches with noise that is known better
 MOST_TO_THE_NOISE = 60_000  # samples of a sprung mass; more take minutes and have told already
 LARGER = 0.25  # of reduced chi-square, by which what is left is more than noise
@@ -91,6 +94,8 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
         answer, sure = _moved(campaign, parts, notes, tell)
     elif isinstance(model, ChainModel):
         answer, sure = _through_chain(campaign, model, segments, linear, notes, tell)
+    if _hollow(answer):
+        answer, sure = None, False
     unknown = answer is not None and answer.accepted == ('unknown',)
     if answer is not None and sure and not (unknown and _modal(campaign, parts)):
         return answer
@@ -123,6 +128,8 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     )
     if modes is not None and not _prefer(modes.fit, outcome, judge):
         modes = None
+    if campaign.kind is CampaignKind.DRIVEN and modes is None:
+        outcome = _of_what_is_explained(campaign, outcome, segments, notes)
     lengthy = (
         'stiffness' in linear.values and sum(s.measured.size for s in segments) > MOST_TO_THE_NOISE
     )
@@ -135,7 +142,7 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
         tell(0.85, 'searching to the noise')
         seed = outcome.best if outcome.believed else None
         exact, sure = _shaken(campaign, parts, model, segments, linear, tell, seed)
-        if exact is not None and sure:
+        if exact is not None and sure and not _hollow(exact):
             return exact
     tell(0.95, 'describing')
     subject = Subject(campaign, model, segments, judge, outcome, modes, tuple(notes))
@@ -143,6 +150,48 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     if answer is not None and set(described.accepted) <= {'unknown'}:
         return answer
     return described
+
+
+def _hollow(answer: Answer | None) -> bool:
+    """Whether an answer misses nothing although its model explains next to nothing.
+
+    Noise of some colour would be all there is: a channel that has nothing to do with the input.
+    """
+    if answer is None or answer.accepted:
+        return False
+    told = [t for t in answer.traces if not t.held_out]
+    left = sum(float(np.sum((t.measured - t.extended) ** 2)) for t in told)
+    power = sum(float(np.sum((t.measured - np.mean(t.measured)) ** 2)) for t in told)
+    return left > NEXT_TO_NOTHING**2 * power
+
+
+def _of_what_is_explained(
+    campaign: Campaign, outcome: Outcome, segments: Sequence[Segment], notes: list[str]
+) -> Outcome:
+    """The outcome without findings where even the best model explains next to nothing."""
+
+    def left_of(held_out: bool) -> float:
+        pairs = zip(outcome.best.residuals, segments, strict=True)
+        mine = [(r, s) for r, s in pairs if s.held_out == held_out]
+        power = sum(float(np.sum((s.measured - np.mean(s.measured)) ** 2)) for _, s in mine)
+        return math.sqrt(sum(float(np.sum(r**2)) for r, _ in mine) / (power or 1.0))
+
+    fitted, predicted = left_of(False), left_of(True)
+    left = max(fitted, predicted)
+    if left < NEXT_TO_NOTHING or fitted < HALF_OF_IT:
+        return outcome
+    drive = str(campaign.bench.get('input', ''))
+    cause = 'no free oscillation' if drive.lower() in FREE else f'not the answer to {drive} alone'
+    names = ', '.join(dict.fromkeys(s.channel for s in segments))
+    ahead = f' and {predicted:.2g} where it was predicted' if predicted else ''
+    notes.append(
+        f'No mass, spring and damper, with or without a known effect, explains {names}: '
+        f'{fitted:.2g} of it is left where it was fitted{ahead}. It is {cause}, or the machine is '
+        'of another kind; look at the choice of channels.'
+    )
+    base = outcome.baseline
+    rivals = (outcome.best, *outcome.rivals) if outcome.best is not base else outcome.rivals
+    return Outcome(base, base, rivals, believed=False)
 
 
 def _exact(
@@ -291,7 +340,23 @@ def _moved(
     def anew(before: Case, found: Fit) -> Case | None:
         return moved_case(whole, mass, before, found)
 
-    return _repeated(campaign, case, anew, notes, tell)
+    answer, sure = _repeated(campaign, case, anew, notes, tell)
+    return answer, sure and not _errs(answer)
+
+
+def _errs(answer: Answer) -> bool:
+    """Whether an answer with findings and something unknown beside them leaves more than noise.
+
+    What is left is then an error of the model: under it noise's measure finds filters, limits and
+    stops that are not there.
+    """
+    if 'unknown' not in answer.accepted or len(answer.accepted) < 2:
+        return False
+    made = answer.fit.extended
+    left = [made.reduced_chi_square, made.held_out_reduced_chi_square]
+    least = min(t.measured.size for t in answer.traces)
+    most = 1.0 + LARGER + SURE * math.sqrt(2.0 / least)
+    return any(math.isfinite(x) and x > most for x in left)
 
 
 def _through_chain(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from impactscope.discrepancy.answer import Finding, ParameterEstimate
 from impactscope.discrepancy.driven.fitting import Fit
@@ -140,7 +140,7 @@ def _finding(
         name=term.name,
         probability=min(probability, 1.0),
         subsystem=term.subsystem,
-        parameters=_parameters(term, made),
+        parameters=_parameters(s, term, made),
         confused_with=rivals,
         channel=term.channel,
         sentence=term.sentence,
@@ -151,16 +151,24 @@ def _finding(
     )
 
 
-def _parameters(term: Term, made: Fit) -> dict[str, ParameterEstimate]:
+def _parameters(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimate]:
     found = {
         n.name: ParameterEstimate(
             made.values[key(term, n)], made.std.get(key(term, n), math.nan), n.unit
         )
         for n in term.numbers
     }
-    if term.name == 'restoring_force' and 'stiffness' in made.values:
+    if term.label == 'restoring_force/joint':
+        found = _weight(found, getattr(s.model, 'middle', 0.0))
+    elif term.name == 'restoring_force' and 'stiffness' in made.values:
         std = made.std.get('stiffness', math.nan)
-        found['stiffness'] = ParameterEstimate(made.values['stiffness'], std, '1/s^2')
+        unit = next(n.unit for n in s.model.numbers if n.name == 'stiffness')
+        if 'mass' not in made.values:
+            unit = '1/s^2'  # over the moment of inertia, which a free swing does not tell
+        stiffness = made.values['stiffness']
+        found['stiffness'] = ParameterEstimate(abs(stiffness), std, unit)
+        if stiffness < 0.0 and 'rest_angle' not in found:
+            found['rest_angle'] = ParameterEstimate(math.pi, 0.0, 'rad')
     if term.name == 'low_pass_filter':
         order, both = filter_of(term)
         found['order'] = ParameterEstimate(float(order), 0.0, '1')
@@ -182,6 +190,20 @@ def _parameters(term: Term, made: Fit) -> dict[str, ParameterEstimate]:
         std = math.hypot(kinetic.std, excess.std)
         found['static_force'] = ParameterEstimate(value, std, kinetic.unit)
     return found
+
+
+def _weight(found: Mapping[str, ParameterEstimate], middle: float) -> dict[str, ParameterEstimate]:
+    """Torque of a weight over the sine, and the angle at which it hangs at rest."""
+    sine, cosine = found['sine'], found['cosine']
+    s, c = float(sine.value), float(cosine.value)
+    size = math.hypot(s, c) or 1.0
+    scatter = math.hypot(s * sine.std, c * cosine.std) / size
+    turn = math.hypot(c * sine.std, s * cosine.std) / size**2
+    rest = math.atan2(-c, s) + middle
+    return {
+        'stiffness': ParameterEstimate(size, scatter, f'{sine.unit}/rad'),
+        'rest_angle': ParameterEstimate(math.remainder(rest, 2.0 * math.pi), turn, 'rad'),
+    }
 
 
 def modal_finding(s: Subject) -> Finding:

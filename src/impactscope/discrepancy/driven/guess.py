@@ -42,6 +42,8 @@ _LINEAR = {
     at.QUADRATIC_DAMPING,
     at.SKEW_DAMPING,
     at.INPUT_OFFSET,
+    at.WEIGHT_SINE,
+    at.WEIGHT_COSINE,
     *_FRICTION,
     at.STATIC_EXCESS,
 }

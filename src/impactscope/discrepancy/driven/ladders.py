@@ -49,6 +49,7 @@ def exact_terms(
     kind: str = 'driven',
     drive: str = '',
     tag: str = '',
+    joint: bool = False,
 ) -> tuple[Term, ...]:
     """Candidates of the vocabulary.
 
@@ -64,6 +65,7 @@ def exact_terms(
         kind: ``driven``, ``free`` (no input) or ``axis`` (no spring).
         drive: the input channel's name.
         tag: tells the effects of several channels apart.
+        joint: whether it is a joint, whose link may have a weight.
     """
     mass, _, stiffness = plate
     x, v = sizes.position, sizes.speed
@@ -72,7 +74,12 @@ def exact_terms(
     known = {
         t.label: t
         for t in mechanical_terms(
-            sizes, spring=True, driven=True, angle=angle, offset_channel=drive
+            sizes,
+            spring=True,
+            driven=True,
+            angle=angle or joint,
+            offset_channel=drive,
+            joint=joint,
         )
     }
     chain = channel_terms(*output, rate, longest, noise, peak, recordings=recordings, tag=tag)
@@ -98,6 +105,10 @@ def exact_terms(
             coefficient=_ladder(load / v**2, 1e-4, 1e-2, 2),
         ),
     ]
+    if joint:
+        weight = known['restoring_force/joint']
+        load_of_it = (1e-3 * load, 0.3 * load, -0.3 * load)
+        found.append(_with(weight, ['sine', 'cosine'], sine=load_of_it, cosine=load_of_it))
     if kind == 'axis':
         push = known['offset']
         found.append(_with(push, ['value'], value=_ladder(load, 1e-4, 1e-2, 2)))

@@ -3,7 +3,7 @@
 Equation of motion, with u the input force (or whatever drives the system)::
 
     m a = u + u0 - c v - d |v| - c2 |v| v - R(x) - friction(v) - s h
-    R(x) = k w + k2 w^2 + k3 w^3 + end stops,  w = x outside the gap (or l sin(x / l))
+    R(x) = k w + k2 w^2 + k3 w^3 + end stops,  w = x outside the gap (or sin(x - x0))
     h'   = v - g |v| |h|^(n-1) h - d v |h|^n
 
 On a base that gives way x and v are relative to it, and the force on the mass, but for u and u0,
@@ -44,4 +44,7 @@ BASE_DAMPING: Final = 24
 BASE_STIFFNESS: Final = 25
 BASE_FREQUENCY: Final = 26  # Hz, and damping ratio: in place of damping and stiffness
 BASE_RATIO: Final = 27
-SIZE: Final = 28
+SINE_ZERO: Final = 28  # rad: R acts on sin(x - x0)
+WEIGHT_SINE: Final = 29  # beside R: s sin(x) + c cos(x), the weight of a link on its joint
+WEIGHT_COSINE: Final = 30
+SIZE: Final = 31

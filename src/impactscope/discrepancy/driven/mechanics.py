@@ -48,7 +48,10 @@ SLOTS: Mapping[str, tuple[int, ...]] = {
     'base_compliance.mass': (at.BASE_MASS,),
     'base_compliance.frequency': (at.BASE_FREQUENCY,),
     'base_compliance.damping_ratio': (at.BASE_RATIO,),
-    'restoring_force.sine': (at.SINE,),
+    'restoring_force.hangs': (at.SINE,),
+    'restoring_force.rest_angle': (at.SINE_ZERO,),
+    'restoring_force.sine': (at.WEIGHT_SINE,),
+    'restoring_force.cosine': (at.WEIGHT_COSINE,),
     'offset.value': (at.INPUT_OFFSET,),
 }
 """Where each number goes; a term's variant plays no part."""
@@ -267,8 +270,68 @@ def _hysteresis(s: Sizes, leaning: bool) -> Term:
     )
 
 
+def _weights(s: Sizes, *, spring: bool, joint: bool) -> list[Term]:
+    """A hanging weight: in place of the spring, or beside whatever else a joint has."""
+    sentence = 'The restoring torque is that of a hanging weight: it goes with the sine.'
+    huygens = "the pendulum's equation; Huygens (1673)"
+    test = 'swings from several angles: the period grows with the amplitude'
+    found = []
+    if spring:
+        found.append(
+            _term(
+                'restoring_force',
+                'impactor',
+                sentence,
+                'k sin(x) in place of k x',
+                huygens,
+                test,
+                excludes=_CUBES,
+                fixed={'restoring_force.hangs': 1.0},
+                restart={'stiffness': s.force} if s.position > TURN else None,
+            )
+        )
+    if joint:
+        load = (0.5 * s.force, -0.5 * s.force)
+        found.append(
+            _term(
+                'restoring_force',
+                'impactor',
+                sentence,
+                'k sin(x - x0) beside the other forces',
+                huygens,
+                'slow motion through the whole range, both ways',
+                Number('sine', s.force_unit, load, 0.1 * s.force),
+                Number('cosine', s.force_unit, load, 0.1 * s.force),
+                variant='joint',
+                excludes=_CUBES,
+            )
+        )
+    elif spring:
+        found.append(
+            _term(
+                'restoring_force',
+                'impactor',
+                sentence,
+                'k sin(x - x0) in place of k x',
+                huygens,
+                test,
+                Number('rest_angle', 'rad', (0.1, -0.1, 0.5, -0.5), 0.1, -math.pi, math.pi),
+                variant='tilted',
+                excludes=_CUBES | {'offset'},
+                fixed={'restoring_force.hangs': 1.0},
+            )
+        )
+    return found
+
+
 def mechanical_terms(
-    sizes: Sizes, *, spring: bool, driven: bool, angle: bool, offset_channel: str = ''
+    sizes: Sizes,
+    *,
+    spring: bool,
+    driven: bool,
+    angle: bool,
+    offset_channel: str = '',
+    joint: bool = False,
 ) -> tuple[Term, ...]:
     """Candidates for an oscillator.
 
@@ -278,26 +341,15 @@ def mechanical_terms(
         driven: whether there is an input.
         angle: whether the position is an angle, so that a pendulum's sine may act.
         offset_channel: channel whose zero may be off.
+        joint: whether a weight may act beside a spring, hanging at any angle.
     """
     terms = [*_friction_terms(sizes), *_damping_terms(sizes)]
     if spring:
         terms += _spring_terms(sizes)
         if driven:
             terms += [_hysteresis(sizes, leaning=False), _hysteresis(sizes, leaning=True)]
-    if angle and spring:
-        terms.append(
-            _term(
-                'restoring_force',
-                'impactor',
-                'The restoring torque is that of a hanging weight: it goes with the sine.',
-                'k sin(x) in place of k x',
-                "the pendulum's equation; Huygens (1673)",
-                'swings from several angles: the period grows with the amplitude',
-                excludes=_CUBES,
-                fixed={'restoring_force.sine': 1.0},
-                restart={'stiffness': sizes.force} if sizes.position > TURN else None,
-            )
-        )
+    if angle:
+        terms += _weights(sizes, spring=spring, joint=joint or not spring)
     step = 0.02 * sizes.force
     terms.append(
         Term(

@@ -133,6 +133,8 @@ class MovedModel:
             held = np.empty(x.size)
             _yielding(x, p[at.YIELD], held)
             force = force + share * p[at.STIFFNESS] * held
+        if p[at.WEIGHT_SINE] != 0.0 or p[at.WEIGHT_COSINE] != 0.0:
+            force = force + p[at.WEIGHT_SINE] * np.sin(x) + p[at.WEIGHT_COSINE] * np.cos(x)
         if p[at.KINETIC_FORWARD] != 0.0 or p[at.KINETIC_BACKWARD] != 0.0 or p[at.STATIC_EXCESS]:
             force = force + _friction(p, x, v, terms, values)
         return np.asarray(force)
@@ -205,6 +207,8 @@ def moved_case(
         return None
     if found is None:
         courses = [_course(c) for c in cuts]
+        if not all(np.all(np.isfinite(k.motion)) for k in courses):
+            return None
         segments = [_segment(c, k) for c, k in zip(cuts, courses, strict=True)]
         model = _linear(cuts, segments, mass)
         made = fit(model, (), segments, {}, tolerance=FINE)
@@ -322,6 +326,7 @@ def _terms(
         noise,
         force,
         len(segments),
+        joint=unit == 'rad',
     )
     found = []
     for term in terms:

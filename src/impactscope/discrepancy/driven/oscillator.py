@@ -31,6 +31,7 @@ from impactscope.discrepancy.driven.layout import (
     MASS,
     QUADRATIC_DAMPING,
     SINE,
+    SINE_ZERO,
     SKEW_DAMPING,
     SQUARE,
     STATIC_EXCESS,
@@ -39,6 +40,8 @@ from impactscope.discrepancy.driven.layout import (
     STOP_STIFFNESS,
     STOP_TRAVEL,
     STRIBECK_SPEED,
+    WEIGHT_COSINE,
+    WEIGHT_SINE,
 )
 
 __all__ = [
@@ -71,12 +74,14 @@ def lost_motion(x: float, gap: float) -> float:
 @law
 def restoring(p: Array, x: float) -> float:
     """Force that depends on the position alone, against it."""
-    w = math.sin(x) if p[SINE] > 0.5 else x
+    w = math.sin(x - p[SINE_ZERO]) if p[SINE] > 0.5 else x
     if p[GAP] > 0.0:
         w = lost_motion(w, p[GAP])
     force = w * (p[STIFFNESS] + w * (p[SQUARE] + w * p[CUBIC]))
     if p[STOP_STIFFNESS] > 0.0 and (x > 0.0 or p[STOP_ONE_WAY] < 0.5):
         force += p[STOP_STIFFNESS] * lost_motion(x, 2.0 * p[STOP_TRAVEL])
+    if p[WEIGHT_SINE] != 0.0 or p[WEIGHT_COSINE] != 0.0:
+        force += p[WEIGHT_SINE] * math.sin(x) + p[WEIGHT_COSINE] * math.cos(x)
     return float(force)
 
 

@@ -49,6 +49,7 @@ class PrescribedModel:
     terms: tuple[Term, ...]
     position_scale: float
     position_unit: str = 'm'
+    middle: float = 0.0  # of the sensor's scale, from which positions count
 
     def starts(self, segment: Segment) -> tuple[Number, ...]:  # noqa: ARG002
         """Where the slider stands at the first sample."""
@@ -195,16 +196,22 @@ def linear_prescribed(
         f,
         x,
     )
-    angle = cuts[0].drive_unit == 'rad' and middle == 0.0
     terms = mechanical_terms(
-        sizes, spring=spring, driven=True, angle=angle, offset_channel=cuts[0].channel
+        sizes,
+        spring=spring,
+        driven=True,
+        angle=x == 'rad',
+        offset_channel=cuts[0].channel,
+        joint=True,
     )
+    if middle != 0.0:
+        terms = tuple(t for t in terms if t.label != 'restoring_force')
     moving = motion[1][np.abs(motion[1]) > MOVES * np.max(np.abs(motion[1]))]
     forwards = float(np.mean(moving > 0.0)) if moving.size else 0.0
     if not BOTH_WAYS < forwards < 1.0 - BOTH_WAYS:
         terms = tuple(t for t in terms if t.name not in _SKEWED)
     variants = _variants(terms, sizes, spring=spring)
-    model = PrescribedModel(numbers, variants, position, x)
+    model = PrescribedModel(numbers, variants, position, x, middle)
     made = fit(dataclasses.replace(model, terms=()), (), segments, {}, tolerance=FINE)
     return model, segments, made
 

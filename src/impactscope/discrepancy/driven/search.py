@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -30,6 +31,26 @@ MOST_NUMBERS = 3  # that may be added to the baseline
 TIE = 2.0  # difference of two criteria that means nothing
 ALL_NOISE = 0.9  # of a residual's power
 BRIEF = 20  # evaluations after which it is seen which of two starts is better
+CLEARLY = 1.0  # standard uncertainties from which an amount is there
+AMOUNTS = frozenset(
+    {
+        'force',
+        'force_forward',
+        'force_backward',
+        'kinetic_force',
+        'excess_force',
+        'coefficient',
+        'difference',
+        'cubic',
+        'quadratic',
+        'gap',
+        'stiffness',
+        'share',
+        'value',
+        'sine',
+        'cosine',
+    }
+)
 STRENGTHS = (0.2, 5.0)  # by how much a start may be stretched to what the projection asks for
 
 
@@ -210,15 +231,68 @@ def search(
             break
         if depth > 0 and not any(judge.better(_best_parent(fits, f, judge), f) for f in beam):
             break
-    everything = list(fits.known.values())
-    best = _plainest(everything, judge, baseline)
-    best = prune(best, fits.baseline, judge, lambda fitted, rest: fits.make(fitted, rest, {}))
-    if best is not baseline and not judge.better(baseline, best):
-        best = baseline
+    best = _chosen(fits, judge)
+    if _evened(fits, best):
+        best = _chosen(fits, judge)
     if best is not baseline:
         best = _polish(fits, best)
     rivals = tuple(f for f in fits.known.values() if f is not best)
     return Outcome(baseline, best, rivals, len(best.terms) > len(baseline.terms))
+
+
+def _chosen(fits: _Fits, judge: Judge) -> Fit:
+    """The best fit that is believed, all of whose effects are there."""
+    baseline = fits.baseline
+    given = _labels(baseline.terms)
+
+    def sound(made: Fit) -> tuple[Term, ...]:
+        return tuple(t for t in made.terms if t.label in given or _there(made, t))
+
+    first = _plainest(list(fits.known.values()), judge, baseline)
+    if sound(first) != first.terms:
+        fits.make(first, sound(first), {})
+    kept = [f for f in fits.known.values() if sound(f) == f.terms or f is baseline]
+    best = _plainest(kept, judge, baseline)
+    best = prune(best, baseline, judge, lambda fitted, rest: fits.make(fitted, rest, {}))
+    if best is not baseline and (sound(best) != best.terms or not judge.better(baseline, best)):
+        return baseline
+    return best
+
+
+def _there(made: Fit, term: Term) -> bool:
+    """Whether any amount of an effect is more than its own uncertainty.
+
+    What predicts better with a number that may as well be none (a damping of any kind under an
+    error that accumulates, say) names nothing.
+    """
+    amounts = [key(term, n) for n in term.numbers if n.name in AMOUNTS]
+    stds = [made.std.get(k, math.nan) for k in amounts]
+    if not all(math.isfinite(s) for s in stds):
+        return True
+    return not amounts or any(
+        abs(made.values[k]) > CLEARLY * s for k, s in zip(amounts, stds, strict=True)
+    )
+
+
+def _evened(fits: _Fits, best: Fit) -> bool:
+    """Try an even friction, alone and with a constant force, where one that differs was chosen.
+
+    Steps that add one effect at a time come by the lopsided law first.
+    """
+    old = next((t for t in best.terms if t.name == 'asymmetric_friction'), None)
+    by_label = {t.label: t for t in fits.model.terms}
+    label = 'coulomb_friction' if old is None else old.label.replace('asymmetric', 'coulomb')
+    even, load = by_label.get(label), by_label.get('offset')
+    if old is None or even is None or load is None:
+        return False
+    forces = [best.values[key(old, n)] for n in old.numbers if n.name.startswith('force')]
+    rest = tuple(t for t in best.terms if t is not old)
+    initial = {key(even, even.numbers[0]): sum(forces) / len(forces)}
+    fits.make(best, (*rest, even), initial)
+    if load.stands_with(even) and all(load.stands_with(t) for t in rest):
+        initial[key(load, load.numbers[0])] = 0.5 * (forces[-1] - forces[0])
+        fits.make(best, (*rest, even, load), initial)
+    return True
 
 
 def _only_noise(made: Fit, segments: Sequence[Segment]) -> bool:

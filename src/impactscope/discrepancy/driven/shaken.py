@@ -498,6 +498,7 @@ def _terms(
             kind='free' if linear.free else 'driven' if stiffness > 0.0 else 'axis',
             drive=first.drive_channel,
             tag=channel if len(channels) > 1 else '',
+            joint=unit == 'rad' and stiffness <= 0.0 and not linear.free,
         )
         found += [t for t in terms if t.output or channel == channels[0]]
     return tuple(found)

@@ -1,0 +1,86 @@
+"""Joints with a weight, findings that say nothing, and outputs that no oscillator explains."""
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
+from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.search import _there
+from impactscope.discrepancy.driven.terms import Number, Term
+
+RATE = 100.0
+WEIGHT, ANGLE, FRICTION = 11.0, 1.2, 1.4  # N m, rad at which it hangs, N m
+DAMPING, INERTIA = 2.0, 1.0
+
+
+def course(seed, seconds=20.0):
+    """Angle, speed and acceleration of a joint, away from the sensor's zero."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * RATE)) / RATE
+    x, v, a = np.full(t.size, -1.6), np.zeros(t.size), np.zeros(t.size)
+    for size, turn in ((0.6, 0.7), (0.3, 1.4), (0.15, 2.6)):
+        phase = rng.uniform(0.0, 2.0 * np.pi)
+        x += size * np.sin(turn * t + phase)
+        v += size * turn * np.cos(turn * t + phase)
+        a -= size * turn**2 * np.sin(turn * t + phase)
+    return x, v, a
+
+
+def explained(bench, baseline, load, **more):
+    entries = [{'file': 'a'}, {'file': 'b', 'role': 'hold_out'}]
+    data = {'version': 1, 'bench': bench, 'baseline': baseline, 'recordings': entries, **more}
+    campaign = parse_campaign(data)
+
+    def channels(file):
+        made = load(0 if file == 'a' else 1)
+        return {n: ChannelSamples(n, unit, RATE, 0.0, v) for n, (v, unit) in made.items()}
+
+    return explain_driven(campaign.with_samples(channels))
+
+
+@pytest.mark.parametrize('ripple', [0.0, 0.25])  # N m, of the gear: nothing in the library
+def test_the_weight_of_a_link_is_found_wherever_it_hangs(ripple):
+    def load(seed):
+        x, v, a = course(seed)
+        torque = WEIGHT * np.sin(x - ANGLE) + FRICTION * np.tanh(v / 0.01)
+        torque += DAMPING * v + INERTIA * a + ripple * np.sin(23.0 * x)
+        noise = 0.05 * np.random.default_rng(seed).standard_normal(x.size)
+        return {'displacement.joint': (x, 'rad'), 'torque.motor': (torque + noise, 'N m')}
+
+    bench = {
+        'kind': 'prescribed_motion',
+        'motion': 'displacement.joint',
+        'output': 'torque.motor',
+    }
+    answer = explained(bench, ['linear_mass_spring_damper'], load)
+    named = set(answer.accepted) - {'unknown'}
+    assert named == {'restoring_force', 'coulomb_friction'}
+    weight = next(f for f in answer.ranking if f.name == 'restoring_force').parameters
+    friction = next(f for f in answer.ranking if f.name == 'coulomb_friction').parameters
+    assert weight['stiffness'].value == pytest.approx(WEIGHT, rel=0.1)
+    assert weight['stiffness'].unit == 'N m/rad'
+    assert weight['rest_angle'].value == pytest.approx(ANGLE, abs=0.1)
+    assert friction['force'].value == pytest.approx(FRICTION, rel=0.15)
+
+
+def test_an_output_that_no_oscillator_explains_is_called_so():
+    def load(seed):
+        rng = np.random.default_rng(10 + seed)
+        other = np.convolve(rng.standard_normal(1500), np.hanning(25), 'same')
+        return {'force': (rng.standard_normal(1500), 'N'), 'displacement': (1e-3 * other, 'm')}
+
+    bench = {'kind': 'driven', 'input': 'force', 'outputs': ['displacement']}
+    answer = explained(bench, ['linear_sensor'], load)
+    assert answer.accepted == ('unknown',)
+    assert any('not the answer to force alone' in note for note in answer.notes)
+
+
+@pytest.mark.parametrize(('value', 'std', 'there'), [(18.6, 18.0, True), (0.1, 0.3, False)])
+def test_an_amount_below_its_own_uncertainty_names_nothing(value, std, there):
+    number = Number('coefficient', 'N s^2/m^2', (1.0,), 1.0)
+    term = Term('quadratic_damping', 'guide', '', '', '', '', (number,))
+    key = 'quadratic_damping.coefficient'
+    made = Fit((term,), {key: value}, {key: std}, (), (), 1, '')
+    assert _there(made, term) is there
