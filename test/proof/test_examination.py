@@ -245,6 +245,23 @@ def test_score_counts_by_detectability():
     assert any('1/2' in line for line in lines(result))
 
 
+def test_score_tells_kinds_of_campaign_and_of_noise_apart():
+    clean = {'category': 'clean', 'detectability': 0.0, 'parts': [], 'kind': 'closed_loop'}
+    steps = clean | {'colours': {'displacement.axis': {'poles': [], 'step': 0.7}}}
+    marks = [
+        mark('a', _answer(kind='closed_loop'), _reply('coulomb_friction'), 1.0),
+        mark('b', _answer(), _reply('mains_hum'), 1.0),
+        mark('c', clean, _reply('mains_hum'), 1.0),
+        mark('d', steps, _reply(), 1.0),
+    ]
+    found = {(what, where): value for what, where, value in score(marks).shares}
+    assert found['right, whatever is hidden', 'closed_loop'][:2] == (1, 1)
+    assert found['right, whatever is hidden', 'impact'][:2] == (0, 1)
+    assert found['right, whatever is hidden', 'white noise'][:2] == (1, 2)
+    assert found['finding although nothing is missing', 'closed_loop'][:2] == (1, 2)
+    assert found['finding although nothing is missing', 'other noise'][:2] == (0, 1)
+
+
 @given(st.integers(1, 400).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
 def test_intervals_are_exact(case):
     """At each end the tail beyond the count holds exactly 2.5 %."""
