@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.driven.decide import Judge
 from impactscope.discrepancy.driven.fitting import Fit, fit, numbers_of
 from impactscope.discrepancy.driven.ladders import FRICTION
-from impactscope.discrepancy.driven.looks import HOPE, Prospect, looks, prospects
+from impactscope.discrepancy.driven.looks import HOPE, Prospect, looks, prospects, wandered
 from impactscope.discrepancy.driven.measuring import before_sampling, filter_of
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge, innovations
@@ -35,6 +35,7 @@ CLOSE = 60.0  # chi-square within which a second model is kept beside the best
 DEPTH = 3
 TOLERANCE = 1e-6  # of chi-square, at which a trial fit ends
 BRIEF, EVALUATIONS = 5, 15  # at first, and then where it is worth it
+ROUGH_STD = 0.03  # by which numbers with rough slopes differ from one start to another
 LONG = 40  # where everything depends on it
 LOST = 1000.0  # chi-square by which a fit is behind the best
 NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the best
@@ -165,7 +166,12 @@ class _Fits:
                 EVALUATIONS,
                 TOLERANCE,
             )
-            self.known[names] = dataclasses.replace(better, label=POLISHED)
+            rough = {key(t, n) for t in made.terms if t.rough for n in t.numbers}
+            std = {
+                k: max(v, ROUGH_STD * abs(better.values[k])) if k in rough else v
+                for k, v in better.std.items()
+            }
+            self.known[names] = dataclasses.replace(better, label=POLISHED, std=std)
         return self.known[_labels(made.terms)]
 
 
@@ -249,6 +255,9 @@ def _grow(fits: _Fits, base: Fit, most: int) -> list[Fit]:
         names[p.term.name] = names.get(p.term.name, 0) + 1
         if names[p.term.name] > 3:
             continue
+        if p.term.rough and here is not None:
+            begin = wandered(fits.model, base, p, fits.segments, here)
+            p = dataclasses.replace(p, initial=begin, other=None)
         made.append(fits.make(base, (*base.terms, p.term), p.initial, p.other))
     best = max(ranked, key=lambda p: p.gain, default=None)
     forms: set[bool] = set()

@@ -14,16 +14,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.tangent import Tangent, change, tangent
-from impactscope.discrepancy.driven.terms import Term, key
+from impactscope.discrepancy.driven.terms import Number, Term, key
 
-__all__ = ['HOPE', 'Look', 'Prospect', 'looks', 'prospects']
+__all__ = ['HOPE', 'Look', 'Prospect', 'looks', 'prospects', 'wandered']
 
 Array = NDArray[np.float64]
 
+WANDER, WANDERED = (0.3, -0.1, 0.03), 120  # relative first steps, evaluations, without slopes
 HOPE = 8.0  # chi-square below which the first look leaves a candidate alone
 
 
@@ -133,6 +135,35 @@ def _starts(term: Term) -> list[dict[str, float]]:
     return [
         {key(term, n): v for n, v in zip(term.numbers, values, strict=True)} for values in combined
     ]
+
+
+def wandered(
+    model: Model, made: Fit, prospect: Prospect, segments: Sequence[Segment], here: Tangent
+) -> Mapping[str, float]:
+    """A start improved without slopes, beside a fit that re-tunes itself (Nelder and Mead)."""
+    terms = (*made.terms, prospect.term)
+    names = [key(prospect.term, n) for n in prospect.term.numbers]
+    lower = np.array([max(n.lower, 1e-3 * prospect.initial[k]) for k, n in _named(prospect.term)])
+    upper = np.array([n.upper for n in prospect.term.numbers])
+    begin = np.log(np.array([max(prospect.initial[k], 1e-300) for k in names]))
+
+    def values_of(q: Array) -> dict[str, float]:
+        held = np.clip(np.exp(q), lower, upper)
+        return {k: float(v) for k, v in zip(names, held, strict=True)}
+
+    def cost(q: Array) -> float:
+        effect = change(model, made, terms, {**made.values, **values_of(q)}, segments)
+        return -here.taken(effect) if np.all(np.isfinite(effect)) else 0.0
+
+    for step in WANDER:
+        corners = np.vstack([begin, begin + step * np.eye(begin.size)])
+        options = {'maxfev': WANDERED, 'initial_simplex': corners, 'xatol': 1e-4, 'fatol': 0.1}
+        begin = optimize.minimize(cost, begin, method='Nelder-Mead', options=options).x
+    return values_of(begin)
+
+
+def _named(term: Term) -> list[tuple[str, Number]]:
+    return [(key(term, n), n) for n in term.numbers]
 
 
 def _again(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 
 from impactscope.discrepancy.driven.channel_effects import channel_terms
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
@@ -25,6 +26,8 @@ STEP_ANGLE = 0.4  # rad of the natural oscillation in a sub-step: phase error 2e
 MOST_STEPS = 16
 FIRST = 24  # samples of an axis that tell whether it begins at rest
 QUARTER = 0.25  # of a cycle is used to find the state at the first sample
+SLOWEST = 4.0  # periods in a recording, of an axis, below which its ends are most of what is seen
+SMOOTH = 25  # samples, through which a speed is taken
 REVERSED = 0.6  # of what the right sign leaves, below which a sign is taken for wrong
 DAMPING_RATIOS = (0.005, 0.02, 0.08, 0.3, 0.9)
 
@@ -203,6 +206,13 @@ def _scan(cuts: Sequence[Cut], *, spring: bool) -> list[_Scanned]:
         drive, output = np.fft.rfft(c.drive, length), np.fft.rfft(c.output, length)
         # thinned out: a scan needs no fine lines
         keep = slice(1, None, max(1, frequency.size // 20000))
+        if not spring:
+            # a load that stays and a motion that does not come back would say most of it
+            window = np.hanning(c.output.size)
+            drive = np.fft.rfft(window * (c.drive - np.mean(c.drive)), length)
+            output = np.fft.rfft(window * (c.output - np.mean(c.output)), length)
+            keep = slice(int(np.searchsorted(frequency, SLOWEST * c.rate / c.output.size)), None)
+            keep = slice(keep.start, None, max(1, frequency.size // 20000))
         spectra.append(
             (2j * math.pi * frequency[keep], drive[keep], output[keep], derivative_of(c.unit))
         )
@@ -273,6 +283,8 @@ def _sizes(
         x, v = model.motion(made.values, (), made.starts[i], segment)
         if segment.derivative == 0:
             x = segment.measured
+            if model.drifts:  # under a load that it lacks the baseline may stand still
+                v = signal.savgol_filter(x, SMOOTH, 2, deriv=1, delta=segment.period)
         position = max(position, float(np.max(np.abs(x))))
         speed = max(speed, float(np.quantile(np.abs(v), 0.99)))
         drive = cuts[i].drive

@@ -21,14 +21,15 @@ from impactscope.discrepancy.driven.case import Case, throughout
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.force import KnownForce, known_force
 from impactscope.discrepancy.driven.ladders import FRICTION, exact_terms
-from impactscope.discrepancy.driven.measuring import power_passed
+from impactscope.discrepancy.driven.measuring import before_sampling, filter_of, power_passed
 from impactscope.discrepancy.driven.mechanics import Sizes
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment, inside_samples
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge, innovations
 from impactscope.discrepancy.driven.plate_laws import plate_laws
+from impactscope.discrepancy.driven.play import PLAY, follow, play_terms, run_with_play
 from impactscope.discrepancy.driven.recordings import Cut
 from impactscope.discrepancy.driven.spectral import fitted_colour, levels, stepped, whitening
-from impactscope.discrepancy.driven.terms import Number, Term
+from impactscope.discrepancy.driven.terms import Number, Term, key
 from impactscope.discrepancy.driven.whitening import HammerForce, whitener
 
 __all__ = ['ShakenModel', 'shaken_case', 'taken_over']
@@ -49,6 +50,8 @@ ENOUGH = 0.2  # of the lines must be quiet
 ALONE = 10.0  # times the noise: a sample that stands out
 SPIKES = 0.003  # of the samples may do so
 NEIGHBOURS = 7
+HIGHEST_ORDER = 4  # of low-passes of an axis
+MOSTLY = 0.1  # of chi-square is left where beginnings in motion are all that is missing
 SLOW = 0.01  # of half the rate: corner of an encoder's noise, as long as effects are looked for
 FEWEST = 3  # parts of a spectrum
 
@@ -65,6 +68,25 @@ class ShakenModel(OscillatorModel):
         """Predicted channel, shape (n,); what acts in another channel plays no part."""
         mine = tuple(t for t in terms if not t.output or t.channel == segment.channel)
         return super().predict(values, mine, start, segment)
+
+    def _run(
+        self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment
+    ) -> Array:
+        play = next((t for t in terms if t.label in PLAY), None)
+        if play is None:
+            return super()._run(values, terms, start, segment)
+        if play.variant == 'encoder':
+            rest = tuple(t for t in terms if t is not play)
+            out = super()._run(values, rest, start, segment).copy()
+            follow(out[:, 0].copy(), values[key(play, play.numbers[0])], out[:, 0])
+            return out
+        x, v = start if start.size else segment.state
+        plain = np.array([values['mass'], values['damping'], values.get('offset.value', 0.0)])
+        side = float(play.variant == 'load')
+        between = np.array([*(values[key(play, n)] for n in play.numbers), side])
+        out = np.zeros((segment.measured.size, 4))
+        run_with_play(plain, between, segment.drive, segment.period, x, v, out)
+        return out
 
     def starts(self, segment: Segment) -> tuple[Number, ...]:
         """Position and speed at the first sample, where it begins in motion."""
@@ -140,7 +162,14 @@ def shaken_case(
             linear = _in_motion(linear, ready, best)
             continue
         if model.drifts and _chi_square(ready, base) > FAR * _counted(ready):
-            break  # where it begins is seen once what is missing is known
+            # where it begins is seen once what is missing is known, unless that is all
+            every = frozenset(_name(s) for s in ready)
+            moving = dataclasses.replace(linear, moving=every, _last={})
+            trial = fit(moving, (), ready, base.values, tolerance=FINE)
+            if _chi_square(ready, trial) > MOSTLY * _chi_square(ready, base):
+                break
+            linear, base, best = moving, trial, trial
+            continue
         linear = _in_motion(linear, ready, base)
         base = best = fit(
             dataclasses.replace(linear, terms=()), (), ready, base.values, tolerance=FINE
@@ -501,7 +530,17 @@ def _terms(
             joint=unit == 'rad' and stiffness <= 0.0 and not linear.free,
         )
         found += [t for t in terms if t.output or channel == channels[0]]
+    if linear.drifts:  # its motion is far below any filter: the delay is all that shows
+        found = [t for t in found if t.name != 'low_pass_filter' or _plain_filter(t)]
+    if linear.drifts and all(s.derivative == 0 for s in segments):
+        able = {'mass', 'damping', 'offset', 'clearance'}  # what the two masses have beside it
+        others = frozenset(t.name for t in found if not t.output) - able
+        found += play_terms(x, sizes.position_unit, first.rate, others)
     return tuple(found)
+
+
+def _plain_filter(term: Term) -> bool:
+    return filter_of(term)[0] <= HIGHEST_ORDER and not before_sampling(term)
 
 
 def taken_over(case: Case, found: Fit) -> tuple[Case, Fit]:

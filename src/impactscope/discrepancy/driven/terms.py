@@ -36,7 +36,8 @@ class Term:
     the measuring chain of the output. ``amounts``: numbers that say how much of it there
     is; with a stroke before one, the less of it the larger that is. ``own``: numbers that
     the recordings have of their own, in all, which are found with every prediction. ``looks``:
-    independent places in which it is looked for.
+    independent places in which it is looked for. ``rough``: single events make its slopes so rough
+    that a start is improved without them first.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Term:
     amounts: tuple[str, ...] = ()
     own: int = 0
     looks: float = 1.0
+    rough: bool = False
 
     @property
     def label(self) -> str:
