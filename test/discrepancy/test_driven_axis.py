@@ -51,7 +51,7 @@ def axis(reference, friction, load=0.0):
     return np.array(positions), np.array(forces)
 
 
-def closed_loop(seed, friction=0.0, sensor=None, load=0.0, late=0):
+def closed_loop(seed, friction=0.0, sensor=None, load=0.0, late=0, hum=0.0):
     rng = np.random.default_rng(seed)
     channels, entries = {}, []
     for i in range(3):
@@ -59,6 +59,8 @@ def closed_loop(seed, friction=0.0, sensor=None, load=0.0, late=0):
         reference = course(4.0, 0.05, rng)
         positions, forces = axis(reference, friction, load)
         positions = np.concatenate([np.full(late, positions[0]), positions])[: positions.size]
+        time = np.arange(forces.size) / RATE
+        forces = forces + hum * np.sin(2.0 * np.pi * 50.05 * time + rng.uniform(0.0, 6.0))
         entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
         channels[file] = {
             n: ChannelSamples(n, u, RATE, 0.0, samples)
@@ -111,6 +113,17 @@ def test_an_encoder_that_comes_late():
     answer = explain_driven(closed_loop(6, late=3))
     assert answer.accepted == ('clock_error',)
     assert answer.findings[0].parameters['offset'].value == pytest.approx(3.0 / RATE, rel=0.01)
+
+
+def test_hum_of_the_recorded_force():
+    """The axis has not felt it: its motion lacks the answer to it."""
+    answer = explain_driven(closed_loop(7, hum=15.0))
+    assert answer.accepted == ('mains_hum',)
+    found = answer.findings[0]
+    assert found.channel == 'force.drive'
+    assert found.parameters['amplitude'].unit == 'N'
+    assert found.parameters['amplitude'].value == pytest.approx(15.0, rel=0.1)
+    assert found.parameters['frequency'].value == pytest.approx(50.05, abs=0.02)
 
 
 def test_a_stated_damping_that_is_wrong():

@@ -35,6 +35,8 @@ CLOSE = 60.0  # chi-square within which a second model is kept beside the best
 DEPTH = 3
 TOLERANCE = 1e-6  # of chi-square, at which a trial fit ends
 BRIEF, EVALUATIONS = 5, 15  # at first, and then where it is worth it
+# of an axis, over its value: by which moments of breaking away between samples move a number
+LEAST_STD = 1e-5
 ROUGH_STD = 0.03  # by which numbers with rough slopes differ from one start to another
 LONG = 40  # where everything depends on it
 LOST = 1000.0  # chi-square by which a fit is behind the best
@@ -167,8 +169,9 @@ class _Fits:
                 TOLERANCE,
             )
             rough = {key(t, n) for t in made.terms if t.rough for n in t.numbers}
+            least = LEAST_STD if self.model.drifts else 0.0
             std = {
-                k: max(v, ROUGH_STD * abs(better.values[k])) if k in rough else v
+                k: max(v, (ROUGH_STD if k in rough else least) * abs(better.values[k]))
                 for k, v in better.std.items()
             }
             self.known[names] = dataclasses.replace(better, label=POLISHED, std=std)

@@ -21,7 +21,7 @@ from impactscope.discrepancy.driven.guess import equation_start
 from impactscope.discrepancy.driven.modal import Modes, further_modes
 from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
 from impactscope.discrepancy.driven.moved import MovedModel, moved_case
-from impactscope.discrepancy.driven.noise_judge import reduced
+from impactscope.discrepancy.driven.noise_judge import reduced, slight
 from impactscope.discrepancy.driven.oscillation import linear_oscillator, reversed_channels
 from impactscope.discrepancy.driven.plate import plate_under_hammer
 from impactscope.discrepancy.driven.prescribed import linear_prescribed
@@ -231,9 +231,13 @@ def _and_its_size(case: Case, best: Fit, said: Verdict) -> Verdict:
     """What a verdict becomes where more than noise is left in any recording, as it is."""
     if said.left:
         return said
-    for s, chi_square in zip(case.segments, case.judge.chi_squares(best), strict=True):
+    before = case.judge.chi_squares(case.baseline)
+    for s, was, chi_square in zip(
+        case.segments, before, case.judge.chi_squares(best), strict=True
+    ):
         count = s.measured.size
-        if chi_square / count > 1.0 + LARGER + SURE * math.sqrt(2.0 / count):
+        error = slight(best) * was / count
+        if chi_square / count > 1.0 + LARGER + SURE * math.sqrt(2.0 / count) + error:
             law = f'nothing that was tried; {s.recording} is left {chi_square / count:.3g} times'
             rest = Stranger(f'{law} its noise in power', chi_square - count, 1)
             return Verdict(True, not best.terms, rest, 1.0)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from impactscope.discrepancy.answer import Finding, ParameterEstimate
 from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.humming import hum_in_force
 from impactscope.discrepancy.driven.measuring import filter_of
 from impactscope.discrepancy.driven.strangers import Verdict
 from impactscope.discrepancy.driven.subject import Subject
@@ -136,14 +137,19 @@ def _finding(
         if {t.label for t in f.terms} == {t.label for t in made.terms} - {term.label}
     ]
     gain = s.judge.gain(rest[0] if rest else s.outcome.baseline, made)
+    parameters, channel, sentence = _parameters(s, term, made), term.channel, term.sentence
+    hum = hum_in_force(s, term, made)
+    if hum is not None:
+        parameters['amplitude'], channel = hum, str(s.campaign.bench['input'])
+        sentence = 'Mains hum stands in the recorded force; the axis has not felt it.'
     return Finding(
         name=term.name,
         probability=min(probability, 1.0),
         subsystem=term.subsystem,
-        parameters=_parameters(s, term, made),
+        parameters=parameters,
         confused_with=rivals,
-        channel=term.channel,
-        sentence=term.sentence,
+        channel=channel,
+        sentence=sentence,
         equation=term.equation,
         source=term.source,
         evidence=gain.fitted,

@@ -18,7 +18,7 @@ from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
 
-__all__ = ['SLIGHT', 'NoiseJudge', 'each_alone', 'innovations', 'joined', 'reduced']
+__all__ = ['NoiseJudge', 'each_alone', 'innovations', 'joined', 'reduced', 'slight']
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,13 @@ EACH = 4.0  # the same for a further effect: two at once are rarer than one
 OWN = 2.0  # the same for a number that one recording has of its own
 # of the amplitude of what was found: a further effect as slight as that is the error of its law
 SLIGHT = 1e-4
+ROUGHLY = 0.03  # the same where single contacts decide
 LOOKS = 60  # independent candidates, about
+
+
+def slight(made: Fit) -> float:
+    """Share of what a fit has gained that the error of its own laws may be."""
+    return (ROUGHLY if any(t.rough for t in made.terms) else SLIGHT) ** 2
 
 
 def innovations(segment: Segment, residual: Array) -> Array:
@@ -130,7 +136,7 @@ class NoiseJudge(Judge):
         """Gain that says nothing beside what ``small`` has gained already."""
         if self.reference is None or small is self.reference:
             return 0.0
-        return SLIGHT**2 * max(self.gain(self.reference, small).fitted, 0.0)
+        return slight(small) * max(self.gain(self.reference, small).fitted, 0.0)
 
     def criterion(self, fit: Fit, reference: Fit) -> float:
         """Minus the gain over a reference, and a price for every number: smaller is better."""
@@ -140,7 +146,7 @@ class NoiseJudge(Judge):
         gain = self.gain(reference, fit)
         self._largest = max(self._largest, gain.fitted)
         price = PRICE * shared + OWN * own + EACH * terms
-        return price + SLIGHT**2 * self._largest * shared - gain.total
+        return price + slight(fit) * self._largest * shared - gain.total
 
     def p_value(self, small: Fit, large: Fit) -> float:
         """Chance of such a gain where nothing is missing."""

@@ -19,7 +19,7 @@ from scipy import linalg, stats
 from impactscope.discrepancy.driven.dispersion import levels_above, worth_of
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Model, Segment
-from impactscope.discrepancy.driven.noise_judge import SLIGHT, innovations
+from impactscope.discrepancy.driven.noise_judge import innovations, slight
 from impactscope.discrepancy.driven.tangent import Tangent, tangent
 
 __all__ = ['Group', 'Laws', 'Stranger', 'Verdict', 'equivalent_gain', 'strangers', 'verdict']
@@ -182,7 +182,7 @@ def verdict(
         return Verdict(left, left, alone, 1.0 - alone.p_value if left else 0.0)
     beside = sought(best)
     ahead = alone.worth - equivalent_gain(gain, best.added - baseline.added) - MARGIN
-    needed = beside.p_value < BESIDE and beside.gain > SLIGHT**2 * gain
+    needed = beside.p_value < BESIDE and beside.gain > slight(best) * gain
     clearly = ahead > MARGIN or (ahead > 0.0 and beside.worth > MARGIN)
     same = alone.law.partition(' at ')[0] == beside.law.partition(' at ')[0]
     instead = clearly or (needed and same and ahead > -MARGIN)
