@@ -126,8 +126,6 @@ class OscillatorModel:
         speed = Number('speed', '', (v,), 0.1 * self.speed_scale)
         if self.free:
             return position, speed
-        if self.drifts and segment.derivative == 0:
-            return (position, speed) if v != 0.0 else ()
         if segment.held_out or segment.derivative != 0 or self.drifts:
             return ()
         moving = abs(x) > AT_REST * self.position_scale or abs(v) > AT_REST * self.speed_scale
