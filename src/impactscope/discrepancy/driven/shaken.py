@@ -389,6 +389,11 @@ def _in_motion(linear: ShakenModel, ready: Sequence[Segment], base: Fit) -> Shak
     """The model with a beginning of its own for each recording that begins in motion."""
     if linear.free:
         return linear
+    if linear.drifts:
+        # an axis may begin anywhere: a beginning that is read from a few samples and kept would
+        # have to be made up for by an offset
+        every = frozenset(_name(s) for s in ready if s.derivative == 0)
+        return dataclasses.replace(linear, moving=linear.moving | every, _last={})
     moving = set(linear.moving)
     values, terms = base.values, base.terms
     for i, s in enumerate(ready):
