@@ -1,11 +1,14 @@
 """Joints with a weight, findings that say nothing, and outputs that no oscillator explains."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.explain import _hollow
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.search import _there
 from impactscope.discrepancy.driven.terms import Number, Term
@@ -77,10 +80,35 @@ def test_an_output_that_no_oscillator_explains_is_called_so():
     assert any('not the answer to force alone' in note for note in answer.notes)
 
 
-@pytest.mark.parametrize(('value', 'std', 'there'), [(18.6, 18.0, True), (0.1, 0.3, False)])
-def test_an_amount_below_its_own_uncertainty_names_nothing(value, std, there):
-    number = Number('coefficient', 'N s^2/m^2', (1.0,), 1.0)
-    term = Term('quadratic_damping', 'guide', '', '', '', '', (number,))
-    key = 'quadratic_damping.coefficient'
-    made = Fit((term,), {key: value}, {key: std}, (), (), 1, '')
+@pytest.mark.parametrize(
+    ('name', 'value', 'std', 'there'),
+    [
+        ('coefficient', 18.6, 18.0, True),
+        ('coefficient', 0.1, 0.3, False),
+        ('corner', 1e-4, 4e-4, False),
+    ],
+)
+def test_an_amount_below_its_own_uncertainty_names_nothing(name, value, std, there):
+    number = Number(name, '1', (1.0,), 1.0)
+    term = Term('effect', 'guide', '', '', '', '', (number,))
+    made = Fit((term,), {f'effect.{name}': value}, {f'effect.{name}': std}, (), (), 1, '')
     assert _there(made, term) is there
+
+
+@pytest.mark.parametrize(('share', 'hollow'), [(0.3, False), (0.7, True)])
+def test_noise_is_not_most_of_a_channel(share, hollow):
+    """An answer is not taken whose findings leave more than half of what was measured."""
+
+    def load(seed):
+        x, v, a = course(seed, 4.0)
+        return {'displacement.joint': (x, 'rad'), 'torque.motor': (v + a, 'N m')}
+
+    bench = {'kind': 'prescribed_motion', 'motion': 'displacement.joint', 'output': 'torque.motor'}
+    answer = explained(bench, ['linear_mass_spring_damper'], load)
+    noise = np.random.default_rng(0).standard_normal(answer.traces[0].measured.size)
+    traces = tuple(
+        dataclasses.replace(t, extended=t.measured - share * np.std(t.measured) * noise)
+        for t in answer.traces
+    )
+    accepted = ('hardening_spring',)
+    assert _hollow(dataclasses.replace(answer, accepted=accepted, traces=traces)) is hollow

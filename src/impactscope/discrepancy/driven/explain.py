@@ -17,7 +17,7 @@ from impactscope.discrepancy.driven.decide import Judge, noise_share
 from impactscope.discrepancy.driven.describe import describe
 from impactscope.discrepancy.driven.exact import exact_search
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
-from impactscope.discrepancy.driven.guess import equation_start
+from impactscope.discrepancy.driven.guess import equation_start, position_ripple
 from impactscope.discrepancy.driven.modal import Modes, further_modes
 from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
 from impactscope.discrepancy.driven.moved import MovedModel, moved_case
@@ -56,9 +56,10 @@ COARSE = 0.01  # of the output's power: more is searched for what is plain befor
 NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
 HOPELESS = 8.0  # reduced chi-square that no better knowledge of the noise brings down to it
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
-# of a channel: a model that leaves more of some recordings, and half of those that it was fitted
-# to, explains nothing
-NEXT_TO_NOTHING, HALF_OF_IT = 0.9, 0.5
+# of a channel: a model that leaves half of the recordings that it was fitted to, and more than the
+# first of some or more than the last of what the baseline leaves of all, explains nothing
+NEXT_TO_NOTHING, HALF_OF_IT, LITTLE = 0.9, 0.5, 0.8
+MOST_HOLLOW = 10_000  # fitted samples that are searched to the noise although nothing is explained
 REPEATS = 2  # searches with noise that is known better
 MOST_TO_THE_NOISE = 60_000  # samples of a sprung mass; more take minutes and have told already
 LARGER = 0.25  # of reduced chi-square, by which what is left is more than noise
@@ -128,6 +129,7 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     )
     if modes is not None and not _prefer(modes.fit, outcome, judge):
         modes = None
+    told = len(notes)
     if campaign.kind is CampaignKind.DRIVEN and modes is None:
         outcome = _of_what_is_explained(campaign, outcome, segments, notes)
     lengthy = (
@@ -138,6 +140,7 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
         and modes is None
         and (coarse or outcome.believed)
         and not (lengthy and outcome.believed)
+        and not (len(notes) > told and _counted(segments) > MOST_HOLLOW)
     ):
         tell(0.85, 'searching to the noise')
         seed = outcome.best if outcome.believed else None
@@ -145,24 +148,36 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
         if exact is not None and sure and not _hollow(exact):
             return exact
     tell(0.95, 'describing')
+    period = None
+    if isinstance(model, OscillatorModel) and model.drifts:
+        period = position_ripple(segments)
+    if period is not None:
+        outcome = Outcome(outcome.baseline, outcome.baseline, (), believed=False)
     subject = Subject(campaign, model, segments, judge, outcome, modes, tuple(notes))
     described = describe(subject)
+    if period is not None and described.accepted == ('unknown',):
+        return _rippled(described, period, segments[0].unit)
     if answer is not None and set(described.accepted) <= {'unknown'}:
         return answer
     return described
 
 
-def _hollow(answer: Answer | None) -> bool:
-    """Whether an answer misses nothing although its model explains next to nothing.
+def _counted(segments: Sequence[Segment]) -> int:
+    return sum(s.measured.size for s in segments if not s.held_out)
 
-    Noise of some colour would be all there is: a channel that has nothing to do with the input.
+
+def _hollow(answer: Answer | None) -> bool:
+    """Whether noise is said to be all that is left, where that is most of the channel.
+
+    Noise of some colour would then be nearly all there is: a channel that has nothing to do with
+    the input, or a fit that went astray.
     """
-    if answer is None or answer.accepted:
+    if answer is None or 'unknown' in answer.accepted:
         return False
     told = [t for t in answer.traces if not t.held_out]
     left = sum(float(np.sum((t.measured - t.extended) ** 2)) for t in told)
     power = sum(float(np.sum((t.measured - np.mean(t.measured)) ** 2)) for t in told)
-    return left > NEXT_TO_NOTHING**2 * power
+    return left > (HALF_OF_IT if answer.accepted else NEXT_TO_NOTHING) ** 2 * power
 
 
 def _of_what_is_explained(
@@ -170,15 +185,16 @@ def _of_what_is_explained(
 ) -> Outcome:
     """The outcome without findings where even the best model explains next to nothing."""
 
-    def left_of(held_out: bool) -> float:
-        pairs = zip(outcome.best.residuals, segments, strict=True)
+    def left_of(made: Fit, held_out: bool) -> float:
+        pairs = zip(made.residuals, segments, strict=True)
         mine = [(r, s) for r, s in pairs if s.held_out == held_out]
         power = sum(float(np.sum((s.measured - np.mean(s.measured)) ** 2)) for _, s in mine)
         return math.sqrt(sum(float(np.sum(r**2)) for r, _ in mine) / (power or 1.0))
 
-    fitted, predicted = left_of(False), left_of(True)
-    left = max(fitted, predicted)
-    if left < NEXT_TO_NOTHING or fitted < HALF_OF_IT:
+    fitted, predicted = left_of(outcome.best, False), left_of(outcome.best, True)
+    before = left_of(outcome.baseline, False), left_of(outcome.baseline, True)
+    little = fitted > LITTLE * before[0] and predicted >= LITTLE * before[1]
+    if fitted < HALF_OF_IT or not (little or max(fitted, predicted) > NEXT_TO_NOTHING):
         return outcome
     drive = str(campaign.bench.get('input', ''))
     cause = 'no free oscillation' if drive.lower() in FREE else f'not the answer to {drive} alone'
@@ -192,6 +208,18 @@ def _of_what_is_explained(
     base = outcome.baseline
     rivals = (outcome.best, *outcome.rivals) if outcome.best is not base else outcome.rivals
     return Outcome(base, base, rivals, believed=False)
+
+
+def _rippled(answer: Answer, period: float, unit: str) -> Answer:
+    """An answer that says that what is left repeats with the position."""
+    text = (
+        'Something is missing that is not in the library; it goes like a force that repeats '
+        f'every {period:.4g} {unit} of the position.'
+    )
+    first = dataclasses.replace(answer.ranking[0], sentence=text)
+    return dataclasses.replace(
+        answer, ranking=(first, *answer.ranking[1:]), unexplained_description=text
+    )
 
 
 def _exact(
@@ -392,9 +420,13 @@ def _repeated(
 ) -> tuple[Answer, bool]:
     """The answer once the noise, judged ``anew`` by what was found, no longer changes."""
     answer, outcome, sure = _exact(campaign, case, notes, tell, 0.5, seed)
+    erred = False
     for _ in range(REPEATS):
         if reduced(case.judge, outcome.best) > HOPELESS:
             break
+        if erred and _errs(answer):
+            break  # knowing the noise better does not help
+        erred = _errs(answer)
         again = anew(case, outcome.best)
         if again is None or _alike(case, again):
             break

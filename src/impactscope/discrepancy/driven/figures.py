@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 WINDOWS = 32  # into which a recording is cut to say where it differs
 LARGE = 0.05  # of the channel: what is left beyond this asks for an explanation
 REMOVED = 0.5  # of the baseline's residual: what is left below this was mostly explained
+TOO_LARGE = 0.2  # of the channel: what is left beyond this was not, however much it was before
 
 
 def p_value_of(s: Subject, final: Fit) -> float:
@@ -87,7 +88,8 @@ def left_over(s: Subject, base: Fit, final: Fit) -> tuple[bool, str]:
         if is_white(residual):
             continue
         stated = math.isfinite(segment.noise)
-        asks = (stated or left > LARGE * size) and left > REMOVED * before
+        much = left > REMOVED * before or left > TOO_LARGE * size
+        asks = (stated or left > LARGE * size) and much
         low, high = _band(residual, segment.period)
         text = (
             f'{segment.recording}: {left:.3g} {segment.unit} rms of {segment.channel} is left '

@@ -40,6 +40,7 @@ AMOUNTS = frozenset(
         'kinetic_force',
         'excess_force',
         'coefficient',
+        'corner',
         'difference',
         'cubic',
         'quadratic',
@@ -236,7 +237,13 @@ def search(
         best = _chosen(fits, judge)
     if best is not baseline:
         best = _polish(fits, best)
-    rivals = tuple(f for f in fits.known.values() if f is not best)
+    level = judge.criterion(best, baseline)
+    rivals = tuple(
+        f
+        for f in fits.known.values()
+        if f is not best
+        and (judge.criterion(f, baseline) > level or all(_there(f, t) for t in f.terms))
+    )
     return Outcome(baseline, best, rivals, len(best.terms) > len(baseline.terms))
 
 
