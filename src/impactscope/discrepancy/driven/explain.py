@@ -17,7 +17,7 @@ from impactscope.discrepancy.driven.decide import Judge, noise_share
 from impactscope.discrepancy.driven.describe import describe
 from impactscope.discrepancy.driven.exact import exact_search
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
-from impactscope.discrepancy.driven.guess import equation_start
+from impactscope.discrepancy.driven.guess import equation_start, position_ripple
 from impactscope.discrepancy.driven.modal import Modes, further_modes
 from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
 from impactscope.discrepancy.driven.moved import MovedModel, moved_case
@@ -148,8 +148,15 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
         if exact is not None and sure and not _hollow(exact):
             return exact
     tell(0.95, 'describing')
+    period = None
+    if isinstance(model, OscillatorModel) and model.drifts:
+        period = position_ripple(segments)
+    if period is not None:
+        outcome = Outcome(outcome.baseline, outcome.baseline, (), believed=False)
     subject = Subject(campaign, model, segments, judge, outcome, modes, tuple(notes))
     described = describe(subject)
+    if period is not None and described.accepted == ('unknown',):
+        return _rippled(described, period, segments[0].unit)
     if answer is not None and set(described.accepted) <= {'unknown'}:
         return answer
     return described
@@ -201,6 +208,18 @@ def _of_what_is_explained(
     base = outcome.baseline
     rivals = (outcome.best, *outcome.rivals) if outcome.best is not base else outcome.rivals
     return Outcome(base, base, rivals, believed=False)
+
+
+def _rippled(answer: Answer, period: float, unit: str) -> Answer:
+    """An answer that says that what is left repeats with the position."""
+    text = (
+        'Something is missing that is not in the library; it goes like a force that repeats '
+        f'every {period:.4g} {unit} of the position.'
+    )
+    first = dataclasses.replace(answer.ranking[0], sentence=text)
+    return dataclasses.replace(
+        answer, ranking=(first, *answer.ranking[1:]), unexplained_description=text
+    )
 
 
 def _exact(

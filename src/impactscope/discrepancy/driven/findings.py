@@ -10,6 +10,7 @@ from impactscope.discrepancy.answer import Finding, ParameterEstimate
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.humming import hum_in_force
 from impactscope.discrepancy.driven.measuring import filter_of
+from impactscope.discrepancy.driven.model import OscillatorModel
 from impactscope.discrepancy.driven.strangers import Verdict
 from impactscope.discrepancy.driven.subject import Subject
 from impactscope.discrepancy.driven.terms import Term, key
@@ -69,6 +70,7 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
         share = {n: p * (1.0 - s.verdict.probability) for n, p in share.items()}
     for term in new:
         rivals = _confused(s, term.name, best, fits, weight)
+        rivals = tuple(dict.fromkeys((*rivals, *_same_law(s, term))))
         found.append(_finding(s, term, s.outcome.best, share[term.name], rivals))
     others = sorted((n for n in share if n not in best), key=lambda n: -share[n])
     for name in others[:8]:
@@ -103,6 +105,25 @@ def _confused(
             continue
         found += [t.name for t in made.terms if t.name not in best]
     return tuple(dict.fromkeys(found))
+
+
+def _same_law(s: Subject, term: Term) -> tuple[str, ...]:
+    """Other words for a law of a driven mass: no recording of it can tell them apart.
+
+    Friction that differs by direction is plain friction beside a constant force; a constant force
+    on an axis may be a weight.
+    """
+    if not isinstance(s.model, OscillatorModel) or s.model.free:
+        return ()
+    labels = {t.label for t in s.outcome.best.terms}
+    found: tuple[str, ...] = ()
+    if term.label == 'asymmetric_friction':
+        found = ('coulomb_friction', 'offset')
+    elif term.label in {'coulomb_friction', 'offset'} and {'coulomb_friction', 'offset'} <= labels:
+        found = ('asymmetric_friction',)
+    if term.label == 'offset' and s.model.drifts:
+        found = (*found, 'gravity_load')
+    return found
 
 
 def _open(s: Subject, made: Fit) -> bool:

@@ -22,7 +22,7 @@ from impactscope.discrepancy.driven.oscillator import smooth_force
 from impactscope.discrepancy.driven.terms import Number, Term, key
 from impactscope.discrepancy.evidence import noise_std
 
-__all__ = ['equation_start']
+__all__ = ['equation_start', 'position_ripple']
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,9 @@ POWER = 0.995  # share of the output's power below the frequency that counts as 
 CLEAR = 10.0  # times the noise's spectrum
 STANDS = 0.03  # of the largest speed, below which an axis may stand
 HARMONICS = 3.0  # of that are kept when the output is differentiated
+RIPPLES = (2.0, 60.0, 0.2)  # periods in the range of motion: from, to, step
+MOSTLY = 0.5  # of what the usual forces leave must repeat with the position
+SCANNED = 10_000  # samples, about
 _FRICTION = {at.KINETIC_FORWARD: 1.0, at.KINETIC_BACKWARD: -1.0}
 _ROUGH = {at.KINETIC_FORWARD, at.KINETIC_BACKWARD, at.STATIC_EXCESS}
 _FALLS = (0.02, 0.04, 0.08, 0.16, 0.32)
@@ -188,3 +191,47 @@ def _regressed(
         if axis and s == (at.STRIBECK_SPEED,):
             values[name] = float(np.clip(share * fastest, n.lower, n.upper))
     return float(np.sum((target - matrix @ solution) ** 2)), values
+
+
+def position_ripple(segments: Sequence[Segment]) -> float | None:
+    """Period of a force that repeats with an axis' position, where it is most of what is left.
+
+    Cogging of a motor, a screw or a tooth out of true. From the equation of motion, beside mass,
+    viscous, dry and quadratic friction and a constant force.
+    """
+    fitted = [s for s in segments if not s.held_out]
+    if not fitted or any(s.derivative != 0 for s in fitted):
+        return None
+    rows, targets, places = [], [], []
+    for segment in fitted:
+        corner = _corner(segment, axis=True)
+        sections = signal.butter(4, corner, fs=1.0 / segment.period, output='sos')
+        x, v, a = _motion(segment, sections)
+        drive = np.concatenate([segment.drive[:, 0], segment.drive[-1:, -1]])
+        fastest = float(np.max(np.abs(v))) or 1.0
+        inside = np.abs(v) > STANDS * fastest
+        edge = max(x.size // 50, 1)
+        inside[:edge] = inside[-edge:] = False
+        way = signal.sosfiltfilt(sections, np.sign(v))
+        falling = signal.sosfiltfilt(sections, np.sign(v) * np.exp(-((20.0 * v / fastest) ** 2)))
+        columns = np.stack([a, v, way, falling, np.abs(v) * v, np.ones(x.size)], axis=1)
+        thin = slice(None, None, max(1, sum(s.measured.size for s in fitted) // SCANNED))
+        rows.append(columns[inside][thin])
+        targets.append(signal.sosfiltfilt(sections, drive)[inside][thin])
+        places.append(x[inside][thin])
+    matrix, target, place = np.concatenate(rows), np.concatenate(targets), np.concatenate(places)
+    size = np.linalg.norm(matrix, axis=0)
+    if target.size < SCANNED // 50 or not np.all(size > 0.0):
+        return None
+    basis = np.linalg.qr(matrix / size)[0]
+    left = target - basis @ (basis.T @ target)
+    span = float(np.ptp(place))
+    best = MOSTLY, math.nan
+    for turns in np.arange(*RIPPLES):
+        angle = 2.0 * math.pi * turns / span * place
+        waves = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+        waves -= basis @ (basis.T @ waves)
+        factors = np.linalg.lstsq(waves, left, rcond=None)[0]
+        share = float(left @ (waves @ factors)) / float(left @ left)
+        best = max(best, (share, span / turns))
+    return None if math.isnan(best[1]) else best[1]
