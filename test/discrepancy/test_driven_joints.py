@@ -112,3 +112,23 @@ def test_noise_is_not_most_of_a_channel(share, hollow):
     )
     accepted = ('hardening_spring',)
     assert _hollow(dataclasses.replace(answer, accepted=accepted, traces=traces)) is hollow
+
+
+def test_a_coupling_whose_corner_may_as_well_be_none_is_not_named():
+    """Level of a tank: it begins full and its sensor's zero is far below."""
+
+    def load(seed):
+        rng = np.random.default_rng(20 + seed)
+        drive = np.repeat(rng.uniform(1.0, 5.0, 30), 40)
+        level, made = 9.0, []
+        for u in drive:
+            level = min(level + 0.02 * u - 0.02 * np.sqrt(max(level, 0.0)), 10.0)
+            made.append(level)
+        made = np.asarray(made) + 0.01 * rng.standard_normal(drive.size)
+        return {'voltage.pump': (drive, 'V'), 'displacement.level': (made, 'V')}
+
+    bench = {'kind': 'driven', 'input': 'voltage.pump', 'outputs': ['displacement.level']}
+    answer = explained(bench, ['linear_sensor'], load)
+    for finding in answer.ranking[: len(answer.accepted)]:
+        corner = finding.parameters.get('corner')
+        assert corner is None or corner.value > corner.std

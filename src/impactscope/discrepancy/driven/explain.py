@@ -170,10 +170,15 @@ def _hollow(answer: Answer | None) -> bool:
     """Whether noise is said to be all that is left, where that is most of the channel.
 
     Noise of some colour would then be nearly all there is: a channel that has nothing to do with
-    the input, or a fit that went astray.
+    the input, or a fit that went astray. So it did where a corner may as well be none: what the
+    coupling holds of the time before is then an offset.
     """
     if answer is None or 'unknown' in answer.accepted:
         return False
+    for finding in answer.ranking[: len(answer.accepted)]:
+        corner = finding.parameters.get('corner')
+        if corner is not None and float(corner.value) < corner.std:
+            return True
     told = [t for t in answer.traces if not t.held_out]
     left = sum(float(np.sum((t.measured - t.extended) ** 2)) for t in told)
     power = sum(float(np.sum((t.measured - np.mean(t.measured)) ** 2)) for t in told)
@@ -441,7 +446,8 @@ def _alike(one: Case, other: Case) -> bool:
         abs(math.log(float(np.linalg.norm(a.whitener(p)) / np.linalg.norm(b.whitener(p))))) < LEVEL
         for a, b in zip(one.segments, other.segments, strict=True)
         if a.whitener is not None and b.whitener is not None
-        for p in [np.random.default_rng(0).standard_normal(a.measured.size)]
+        for white in [np.random.default_rng(0).standard_normal(a.measured.size)]
+        for p in (white, np.cumsum(white))  # noise of all frequencies, and slow noise
     )
 
 
