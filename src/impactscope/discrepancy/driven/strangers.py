@@ -20,6 +20,7 @@ from impactscope.discrepancy.driven.dispersion import levels_above, worth_of
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.noise_judge import innovations, slight
+from impactscope.discrepancy.driven.spectral import Stepped
 from impactscope.discrepancy.driven.tangent import Tangent, tangent
 
 __all__ = ['Group', 'Laws', 'Stranger', 'Verdict', 'equivalent_gain', 'strangers', 'verdict']
@@ -109,7 +110,9 @@ def strangers(
             found.append(Stranger(law, gain, rank, column if best else None))
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     whitened = [innovations(segments[i], made.residuals[i]) for i in fitted]
-    line = _line(whitened, segments[0].period)
+    # an axis at rest hunts between two readings of a coarse encoder: a line of its own rounding
+    hunts = any(isinstance(segments[i].whitener, Stepped) for i in fitted)
+    line = None if hunts else _line(whitened, segments[0].period)
     if line is not None:
         found.append(line)
     return sorted(found, key=lambda s: -s.worth)
