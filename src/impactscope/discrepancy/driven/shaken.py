@@ -28,7 +28,13 @@ from impactscope.discrepancy.driven.noise_judge import NoiseJudge, innovations
 from impactscope.discrepancy.driven.plate_laws import plate_laws
 from impactscope.discrepancy.driven.play import PLAY, follow, play_terms, run_with_play
 from impactscope.discrepancy.driven.recordings import Cut
-from impactscope.discrepancy.driven.spectral import fitted_colour, levels, stepped, whitening
+from impactscope.discrepancy.driven.spectral import (
+    Colour,
+    fitted_colour,
+    levels,
+    stepped,
+    whitening,
+)
 from impactscope.discrepancy.driven.terms import Number, Term, key
 from impactscope.discrepancy.driven.whitening import HammerForce, whitener
 
@@ -52,6 +58,7 @@ SPIKES = 0.003  # of the samples may do so
 NEIGHBOURS = 7
 HIGHEST_ORDER = 4  # of low-passes of an axis
 MOSTLY = 0.1  # of chi-square is left where beginnings in motion are all that is missing
+DITHERED = 1.8  # noises, of a step below which they make it one more part of the noise
 SLOW = 0.01  # of half the rate: corner of an encoder's noise, as long as effects are looked for
 FEWEST = 3  # parts of a spectrum
 
@@ -155,7 +162,8 @@ def shaken_case(
         # what a missing force does to an axis falls with the frequency, as slow noise does:
         # only what is left beside a finding tells how slow the noise is
         slowest = SLOW if model.drifts and found is None else 0.0
-        ready, spectra = _whitened(parts, ready, best, forces, slowest)
+        beside = model.drifts and found is not None
+        ready, spectra = _whitened(parts, ready, best, forces, slowest, beside=beside)
         if not spectra:
             return None
         if found is not None:
@@ -234,10 +242,13 @@ def _whitened(
     made: Fit,
     forces: Sequence[KnownForce | None],
     slowest: float = 0.0,
+    *,
+    beside: bool = False,
 ) -> tuple[list[Segment], list[Array]]:
     """Segments with their whitening filters, and the share of the force's noise by frequency.
 
-    ``slowest``: corner over half the rate below which the output's noise does not fall.
+    ``slowest``: corner over half the rate below which the output's noise does not fall;
+    ``beside``: the noise is read also where the motion is far louder.
     """
     done = list(ready)
     drifts = 'stiffness' not in made.values
@@ -253,6 +264,8 @@ def _whitened(
         size = min(r.size for r in left)
         place, level = levels([r[:size] for r in left])
         _, loud = levels([p[:size] for p in predicted])
+        if beside:
+            loud = np.zeros_like(loud)
         noises = [0.0 if f is None else f.noise for f in forces]
         force = float(np.mean([noises[i] for i in told]))
         moves = [1.0 if f is None else f.moves for f in forces]
@@ -260,6 +273,8 @@ def _whitened(
         rings = rings * float(np.mean([moves[i] for i in told]))
         white, force, colour = _noise(place, level, loud, rings, force, size, slowest)
         steps = min(_step(ready[i].measured) for i in told) if drifts else 0.0
+        if steps < DITHERED * math.sqrt(white):
+            steps = 0.0
         if steps > 0.0:
             white, colour = max(white, steps**2 / 12.0), None
         if math.isfinite(stated) and stated > 0.0:
@@ -272,14 +287,7 @@ def _whitened(
             f[0] = 0.5 * f[1]
             own = np.full(f.size, white)
             if colour is not None:
-                a, b, corner = colour
-                least = max(2.0 / ready[i].measured.size, 1e-6)
-                fall = (
-                    1.0 / np.maximum(f, least)
-                    if corner == 0.0
-                    else 1.0 / (1.0 + (f / corner) ** 2)
-                )
-                own = a + b * fall
+                own = colour.power(f, max(2.0 / ready[i].measured.size, 1e-6))
             mine_force = noises[i] if math.isfinite(noises[i]) else force
             rung = mine_force * moves[i] * _gain(made, s.derivative, math.pi * f / s.period)
             rung = np.minimum(rung, 1e12 * own)
@@ -349,7 +357,7 @@ def _noise(
     force: float,
     size: int,
     slowest: float,
-) -> tuple[float, float, tuple[float, float, float] | None]:
+) -> tuple[float, float, Colour | None]:
     """White level of the output, variance of the force's noise, and a colour if there is one."""
     if place.size < FEWEST:
         return float(np.median(level)), 0.0, None
@@ -368,9 +376,7 @@ def _noise(
     rest = np.maximum(level - force * rings, 0.02 * level)
     colour = fitted_colour(place, rest, loud, 0.5 * size, slowest)
     if colour is not None:
-        a, b, corner = colour
-        fall = 1.0 / place if corner == 0.0 else 1.0 / (1.0 + (place / corner) ** 2)
-        return float(np.average(a + b * fall, weights=widths)), force, colour
+        return float(np.average(colour.power(place), weights=widths)), force, colour
     among = [_median(rest, widths), _median(rest[place > 0.5], widths[place > 0.5])]
     quiet = (loud < QUIET * level) & (level > 2.0 * force * rings)
     if float(np.sum(widths[quiet])) > ENOUGH:

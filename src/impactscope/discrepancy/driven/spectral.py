@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import linalg, optimize, signal
 
 __all__ = [
+    'Colour',
     'Spectral',
     'Stepped',
     'counting_share',
@@ -32,8 +33,11 @@ Array = NDArray[np.float64]
 FIRST = 256  # samples that are scaled by their variance
 FORGOTTEN = 1e-7  # of the filter's answer is left aside
 LOUD = 30.0  # times what is left: lines with so much signal do not tell the noise
+SLOWEST_LINE = 3.0  # of a spectrum, that is no offset or drift of what was fitted
+FEWEST_LINES = 5.0  # of a part
 PARTS = 60  # into which a spectrum is cut, ever wider
 COLOURED = 40.0  # twice the logarithm of the likelihood by which noise is not white
+MIXED = 8.0  # the same by which one part that falls is not enough
 FEWEST = 12  # parts of a spectrum that tell a colour
 
 
@@ -130,7 +134,7 @@ def levels(samples: Sequence[Array]) -> tuple[Array, Array]:
     """
     shortest = min(x.size for x in samples)
     parts = min(PARTS, max(shortest // 24, 3))
-    edges = np.geomspace(min(8.0 / shortest, 0.2), 1.0, parts + 1)
+    edges = _edges(shortest, parts)
     middle, found = np.sqrt(edges[1:] * edges[:-1]), []
     for x in samples:
         window = np.hanning(x.size)
@@ -146,13 +150,47 @@ def levels(samples: Sequence[Array]) -> tuple[Array, Array]:
     return middle[keep], np.asarray(np.mean(table[:, keep], axis=0))
 
 
+@dataclass(frozen=True, slots=True)
+class Colour:
+    """A spectrum of noise: white, and parts that fall with the frequency."""
+
+    white: float
+    parts: tuple[tuple[float, float], ...]  # level, and corner over half the rate; 0: one over f
+
+    def power(self, place: Array, least: float = 0.0) -> Array:
+        """Variance that white noise of the level at frequencies over half the rate would have.
+
+        ``place``: shape (k,); ``least``: below it one over f grows no further.
+        """
+        return np.asarray(
+            self.white + sum(level * _fall(place, corner, least) for level, corner in self.parts)
+        )
+
+
+def _fall(place: Array, corner: float, least: float = 0.0) -> Array:
+    if corner == 0.0:
+        return np.asarray(1.0 / np.maximum(place, least))
+    return np.asarray(1.0 / (1.0 + (place / corner) ** 2))
+
+
+def _edges(size: int, parts: int) -> Array:
+    """Where parts of a spectrum begin, over half the rate: ever wider, none of a few lines only."""
+    line = 2.0 / size
+    edges = [min(SLOWEST_LINE * line, 0.2)]
+    ratio = edges[0] ** (-1.0 / parts)
+    while edges[-1] < 1.0:
+        edges.append(max(edges[-1] + FEWEST_LINES * line, edges[-1] * ratio))
+    edges[-1] = 1.0
+    return np.asarray(edges)
+
+
 def fitted_colour(
     place: Array, left: Array, signal_there: Array, lines: float, slowest: float = 0.0
-) -> tuple[float, float, float] | None:
-    """White level, level of what falls with the frequency and its corner; None where it is white.
+) -> Colour | None:
+    """The colour of noise; None where it is white.
 
-    The noise is a + b / (1 + (f/c)^2), or with one over f in place of the second term, where the
-    corner is 0: nothing that falls so slowly can take the place of a resonance.
+    The noise is a + b / (1 + (f/c)^2), or with one over f in place of the second term, or with
+    both: nothing that falls so slowly can take the place of a resonance.
 
     Args:
         place: frequencies over half the rate, shape (k,).
@@ -166,24 +204,32 @@ def fitted_colour(
         return None
     f, power = place[quiet], left[quiet]
     widths = np.gradient(place)[quiet] * lines
-
-    def cost(level: Array) -> float:
-        return float(np.sum(widths * (np.log(level) + power / level)))
-
     white = float(np.average(power, weights=widths))
-    flat = cost(np.full(f.size, white))
-    least: tuple[float, tuple[float, float, float]] = (math.inf, (white, 0.0, 1.0))
-    for corner in (0.0, *np.geomspace(0.003, 0.6, 12)):
-        if corner < slowest:
-            continue
-        shape = 1.0 / f if corner == 0.0 else 1.0 / (1.0 + (f / corner) ** 2)
+    flat = float(np.sum(widths * (math.log(white) + power / white)))
 
-        def trial(q: Array, shape: Array = shape) -> float:
-            return cost(np.exp(q[0]) + np.exp(q[1]) * shape)
+    def best(corners: tuple[float, ...]) -> tuple[float, Colour]:
+        shapes = [_fall(f, corner) for corner in corners]
 
-        start = np.log([0.5 * white + 1e-300, 0.5 * white / float(np.median(shape)) + 1e-300])
-        made = optimize.minimize(trial, start, method='Nelder-Mead', options={'maxiter': 200})
-        if made.fun < least[0]:
-            low, falls = (float(v) for v in np.exp(made.x))
-            least = float(made.fun), (low, falls, float(corner))
-    return least[1] if 2.0 * (flat - least[0]) > COLOURED else None
+        def cost(q: Array) -> float:
+            level = np.exp(q[0]) + sum(
+                np.exp(x) * shape for x, shape in zip(q[1:], shapes, strict=True)
+            )
+            return float(np.sum(widths * (np.log(level) + power / level)))
+
+        start = np.log(
+            [0.5 * white + 1e-300, *(0.5 * white / float(np.median(s)) + 1e-300 for s in shapes)]
+        )
+        made = optimize.minimize(cost, start, method='Nelder-Mead', options={'maxiter': 200})
+        low, *falls = (float(v) for v in np.exp(made.x))
+        return float(made.fun), Colour(low, tuple(zip(falls, corners, strict=True)))
+
+    corners = [c for c in (0.0, *np.geomspace(0.003, 0.6, 12).tolist()) if c >= slowest]
+    least, colour = min((best((c,)) for c in corners), key=lambda item: item[0])
+    if 2.0 * (flat - least) <= COLOURED:
+        return None
+    (_, corner), *_ = colour.parts
+    if slowest == 0.0 and corner > 0.0:
+        both, mixed = best((corner, 0.0))
+        if 2.0 * (least - both) > MIXED:
+            return mixed
+    return colour
