@@ -262,8 +262,8 @@ def _whitened(
         left = [_filled(made.residuals[i], weights[i]) for i in told]
         predicted = [ready[i].measured - made.residuals[i] for i in told]
         size = min(r.size for r in left)
-        place, level = levels([r[:size] for r in left])
-        _, loud = levels([p[:size] for p in predicted])
+        place, level = levels([r[:size] for r in left], slow=beside)
+        _, loud = levels([p[:size] for p in predicted], slow=beside)
         if beside:
             loud = np.zeros_like(loud)
         noises = [0.0 if f is None else f.noise for f in forces]

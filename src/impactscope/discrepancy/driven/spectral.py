@@ -126,15 +126,18 @@ def whitening(power: Array, weight: Array | None = None) -> Spectral:
     return Spectral(answer, 1.0 / np.sqrt(np.maximum(variance, 1.0)), weight)
 
 
-def levels(samples: Sequence[Array]) -> tuple[Array, Array]:
+def levels(samples: Sequence[Array], *, slow: bool = False) -> tuple[Array, Array]:
     """Spectra of several recordings in parts that grow with the frequency.
 
     Returns the middle of each part over half the sampling rate and its level, the variance that
-    white noise would have; by the median, so that lines do not count. Shapes (k,).
+    white noise would have; by the median, so that lines do not count. Shapes (k,). ``slow``: down
+    to the slowest lines, where an error of the model, if there is any, would be largest.
     """
     shortest = min(x.size for x in samples)
     parts = min(PARTS, max(shortest // 24, 3))
-    edges = _edges(shortest, parts)
+    edges = np.geomspace(min(8.0 / shortest, 0.2), 1.0, parts + 1)
+    if slow:
+        edges = _edges(shortest, parts)
     middle, found = np.sqrt(edges[1:] * edges[:-1]), []
     for x in samples:
         window = np.hanning(x.size)
@@ -174,7 +177,7 @@ def _fall(place: Array, corner: float, least: float = 0.0) -> Array:
 
 
 def _edges(size: int, parts: int) -> Array:
-    """Where parts of a spectrum begin, over half the rate: ever wider, none of a few lines only."""
+    """Where parts of a spectrum begin, over half the rate: ever wider, none of few lines."""
     line = 2.0 / size
     edges = [min(SLOWEST_LINE * line, 0.2)]
     ratio = edges[0] ** (-1.0 / parts)
