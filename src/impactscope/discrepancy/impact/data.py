@@ -41,6 +41,9 @@ _DOUBTFUL_TAP = 0.015  # s, from which a tap's length is looked at again
 _ONE_SWING = 0.025  # s
 _TOLD_BY = 24  # samples
 _OF_NOISE = 5.0
+_TELLING = 64  # samples before the onset that tell how large the noise is
+_STRETCHES = 16  # of a recording, the quietest of which tells it where there are no such samples
+_LARGER = 1.3  # times what differences tell
 _LONGEST_TAP = 0.035  # s after its onset in which the end of a tap is looked for
 
 
@@ -149,24 +152,34 @@ def prepare(campaign: Campaign) -> CampaignData:
 
 def _onset(channels: Sequence[ChannelSamples]) -> float | None:
     """Moment at which the first channel leaves its level before the blow, s."""
-    found = []
-    for channel in channels:
-        values = channel.values
-        finite = np.isfinite(values)
-        if np.count_nonzero(finite) < 32:
-            continue
-        lead = max(8, min(values.size // 20, round(0.02 * channel.sample_rate)))
-        level = float(np.nanmedian(values[:lead]))
-        size = np.where(finite, np.abs(values - level), 0.0)
-        peak = float(np.max(size))
-        sigma = noise_std(values)
-        before = float(np.nanmax(np.abs(values[:lead] - level)))
+    found = [first for channel in channels if (first := _leaves(channel)) is not None]
+    return min(found) if found else None
+
+
+def _leaves(channel: ChannelSamples) -> float | None:
+    """Moment at which a channel leaves its level; None where it shows no more than noise."""
+    values = channel.values
+    finite = np.isfinite(values)
+    if np.count_nonzero(finite) < 32:
+        return None
+    lead = max(8, min(values.size // 20, round(0.02 * channel.sample_rate)))
+    level = float(np.nanmedian(values[:lead]))
+    size = np.where(finite, np.abs(values - level), 0.0)
+    peak = float(np.max(size))
+    before = float(np.nanmax(np.abs(values[:lead] - level)))
+    sigma = noise_std(values)
+    while True:
         threshold = max(0.05 * peak, 8.0 * sigma, 1.5 * before)
         if peak <= threshold or peak < 12.0 * sigma:
-            continue
+            return None
         first = int(np.argmax(size > threshold))
-        found.append(channel.start + (first - 0.5) / channel.sample_rate)
-    return min(found) if found else None
+        # noise that is not white is larger than its differences tell
+        own = float(np.median(size[:first])) / 0.6745 if first >= _TELLING else 0.0
+        if first < _TELLING:
+            own = min(float(np.nanstd(part)) for part in np.array_split(values, _STRETCHES))
+        if own <= _LARGER * sigma:
+            return channel.start + (first - 0.5) / channel.sample_rate
+        sigma = own
 
 
 def _noise(
