@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.impact.data import _onset
 from impactscope.discrepancy.impact.noise import Colour, colour_of, whitener
 from impactscope.physics.twin.measurement import coloured_noise
 
@@ -73,6 +77,41 @@ def test_slow_noise_does_not_pass_for_a_drift() -> None:
     assert float(np.mean(power)) < 2.5
 
 
+def test_whitening_is_that_of_the_covariance_whatever_the_bins() -> None:
+    colour = Colour(0.2, np.array([0.5, 0.3, 0.4]), np.array([0.7, 6.0, 400.0]) / RATE, RATE)
+    counts = np.array([4] * 5 + [1] * 20 + [3] * 6 + [1] * 5 + [10] * 4)
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    first[30:] += 37  # samples that are not used
+    lags = np.abs(np.subtract.outer(*[np.arange(first[-1] + counts[-1])] * 2))
+    forgotten = np.exp(-lags[None] / (colour.times * RATE)[:, None, None])
+    samples = np.tensordot(colour.variances, forgotten, 1) + 0.2 * np.eye(lags.shape[0])
+    means = np.zeros((counts.size, lags.shape[0]))
+    for row, begin, count in zip(means, first, counts, strict=True):
+        row[begin : begin + count] = 1.0 / count
+    covariance = means @ samples @ means.T
+    std = np.sqrt(np.diag(covariance))
+    white = whitener(colour, (first + 0.5 * (counts - 1)) / RATE, counts, std)
+    rows = white(np.eye(counts.size))
+    left = rows @ (covariance / np.outer(std, std)) @ rows.T
+    assert np.allclose(left, np.eye(counts.size), atol=1e-9)
+
+
+def test_levels_that_differ_tell_slow_noise_that_no_stretch_shows() -> None:
+    rng = np.random.default_rng(9)
+    plain = [rng.standard_normal(400) for _ in range(7)]
+    apart = [x + 0.4 * rng.standard_normal() for x in plain]
+    assert colour_of(plain, RATE) is None
+    found = colour_of(apart, RATE)
+    assert found is not None
+    level = math.sqrt(float(found.variance_of_means(np.array([400]))[0]))
+    assert 0.2 < level < 0.8
+
+
+def test_a_level_that_all_share_is_no_noise() -> None:
+    rng = np.random.default_rng(10)
+    assert colour_of([5.0 + rng.standard_normal(400) for _ in range(7)], RATE) is None
+
+
 def test_variance_of_means_of_one_part_in_closed_form() -> None:
     colour = Colour(0.0, np.array([2.0]), np.array([3.0 / RATE]), RATE)
     rho = np.exp(-1.0 / 3.0)
@@ -87,3 +126,15 @@ def test_columns_are_whitened_as_rows_are() -> None:
     white = whitener(colour, np.arange(200) / RATE, counts, np.ones(200))
     rows = np.random.default_rng(8).standard_normal((200, 3))
     assert np.allclose(white(rows)[:, 1], white(rows[:, 1]))
+
+
+def test_slow_noise_is_not_the_onset_of_a_blow() -> None:
+    rng = np.random.default_rng(11)
+    rate = 2000.0
+    noise = signal.lfilter([1.0], [1.0, -0.95], rng.standard_normal(3000))
+    quiet = ChannelSamples('acceleration.base', 'm/s^2', rate, 0.0, noise)
+    assert _onset([quiet]) is None
+    struck = noise.copy()
+    struck[1200:1240] += 400.0 * np.sin(np.linspace(0.0, np.pi, 40))
+    blow = ChannelSamples('force', 'N', rate, 0.0, struck)
+    assert _onset([quiet, blow]) == pytest.approx(0.6, abs=3e-3)

@@ -229,7 +229,7 @@ def _colours(
             quiet.setdefault(channel.sample_rate, []).extend(parts)
         if len(quiet) == 1:
             rate, stretches = next(iter(quiet.items()))
-            colour = colour_of(stretches, rate)
+            colour = colour_of(stretches, rate, bent=name == 'acceleration.impactor')
             if colour is not None:
                 found[name] = colour
     return found

@@ -1,16 +1,16 @@
 """Noise that is not white: its covariance from the quiet before the blows, and residuals whitened.
 
 Noise of a channel is white noise and a sum of parts that each forget within a time of their own
-(Ornstein and Uhlenbeck's process); times a factor of three apart make any spectrum that falls
+(Ornstein and Uhlenbeck's process); times a factor of two apart make any spectrum that falls
 with frequency, 1/f among them. The variances are those of greatest likelihood (Whittle, Ark. Mat.
 2, 1953), found by multiplicative steps that keep them positive (Fevotte et al., Neural Comput.
-21, 2009). Means over bins then have a covariance in closed form, and residuals are whitened by
-conditioning each on some before it (Vecchia, J. R. Stat. Soc. B 50, 1988): the nearest, and
-further ones at growing distances.
+21, 2009). Each part has a state that means over bins follow and tell of, and residuals are
+whitened by Kalman's filter (J. Basic Eng. 82, 1960): exactly, however slow a part is.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy import stats
 
 __all__ = ['Colour', 'Whitener', 'colour_of', 'whitener']
 
@@ -25,13 +26,15 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _SHORTEST = 64  # samples of a quiet stretch
-_GAIN = 10.0  # twice the logarithm of the likelihood, from which noise is not white
+_GAIN = 5.0  # twice the logarithm of the likelihood, from which noise is not white
 _STEPS = 1500  # of the multiplicative kind
 _TAKEN = 2.0  # Hz and bins about the mains and their harmonics that may be a hum
 _SLOWEST = 4.0  # times the quiet stretch, of the slowest part
 _FIRST = 3  # first line of a spectrum that is used: offset and drift are no noise
-_NEIGHBOURS = (1, 2, 3, 4, 6, 10, 20, 50, 150, 500)
-_ALIKE = 0.01  # relative, of neighbourhoods that are one
+_FIRST_BENT = 4  # the same after a polynomial was taken off
+_APART = 2.0  # ratio of the times in which parts forget
+_LEVELS = 4  # stretches from which their levels tell slow noise
+_SCATTERED = 0.03  # chance from which they do
 _MATTERS = 1e-3  # of the variance, of a part
 
 
@@ -65,25 +68,32 @@ class Colour:
 class Whitener:
     """The residual of each bin less what those before it tell of it, over what is left of it."""
 
-    before: IntArray  # bins that are conditioned on, -1 for none, shape (n_bins, n_neighbours)
-    weights: Array  # shape (n_bins, n_neighbours)
+    felt: Array  # of each part of the noise in a bin, by its state, shape (n_bins, n_parts)
+    keep: Array  # of a part from one bin to the next, likewise
+    gain: Array  # of what a bin tells of the parts, likewise
     scale: Array  # shape (n_bins,)
 
     def __call__(self, residuals: Array) -> Array:
         """Whitened residuals, shape (n_bins,) or (n_bins, n_columns)."""
         columns = residuals[:, None] if residuals.ndim == 1 else residuals
-        out = _whitened(np.ascontiguousarray(columns), self.before, self.weights, self.scale)
+        out = _whitened(np.ascontiguousarray(columns), self.felt, self.keep, self.gain, self.scale)
         return np.asarray(out[:, 0] if residuals.ndim == 1 else out)
 
 
-def colour_of(stretches: Sequence[Array], sample_rate: float) -> Colour | None:
-    """The noise in quiet stretches of a channel; None where it is white for all one can see."""
+def colour_of(
+    stretches: Sequence[Array], sample_rate: float, *, bent: bool = False
+) -> Colour | None:
+    """The noise in quiet stretches of a channel; None where it is white for all one can see.
+
+    ``bent``: a polynomial of a motion was taken off the stretches, and slow noise with it.
+    """
     quiet = [s for s in stretches if s.size >= _SHORTEST and np.isfinite(s).all()]
     if not quiet:
         return None
     longest = max(s.size for s in quiet)
-    count = 2 + math.ceil(math.log(_SLOWEST * longest, 3.0))
-    lives = 0.5 * np.power(3.0, np.arange(count, dtype=np.float64))  # in samples
+    count = 2 + math.ceil(math.log(_SLOWEST * longest, _APART))
+    lives = 0.5 * np.power(_APART, np.arange(count, dtype=np.float64))  # in samples
+    first = _FIRST_BENT if bent else _FIRST
     keep = np.exp(-1.0 / lives)
     power, design = [], []
     for stretch in quiet:
@@ -93,7 +103,7 @@ def colour_of(stretches: Sequence[Array], sample_rate: float) -> Colour | None:
         taper = np.hanning(n + 2)[1:-1]
         taper /= math.sqrt(float(taper @ taper))
         spectrum = np.abs(np.fft.rfft(values * taper)) ** 2
-        used = _without_mains(n, sample_rate)
+        used = _without_mains(n, sample_rate, first)
         # expectation of the tapered periodogram, exact for each part
         overlap = np.fft.irfft(np.abs(np.fft.rfft(taper, 2 * n)) ** 2)[:n]
         lags = keep[:, None] ** np.arange(n)
@@ -116,30 +126,65 @@ def colour_of(stretches: Sequence[Array], sample_rate: float) -> Colour | None:
         variances *= np.sqrt((a @ (y / model**2)) / (a @ (1.0 / model)))
     model = variances @ a
     gain = 2.0 * share * float(np.sum(np.log(level / model) + y / level - y / model))
-    if gain < _GAIN:
-        return None
+    white = gain < _GAIN
+    if white:
+        variances = np.append(level, np.zeros(count))
     parts = variances[1:]
     # what the stretches are too short to show goes on like the slowest that they do show
-    hidden = lives > longest / (2 * math.pi * _FIRST)
+    hidden = lives > longest / (2 * math.pi * first)
     slow = int(np.argmax(hidden)) if hidden.any() else count
     if slow > 0:
         parts[slow:] = np.maximum(parts[slow:], parts[slow - 1])
+    seen = Colour(float(variances[0]), parts, lives / float(sample_rate), sample_rate)
+    further = _between(quiet, seen)
+    if further > 0.0:
+        parts[:] = np.maximum(parts, further) if white else parts
+        parts[slow:] = np.maximum(parts[slow:], further)
+    elif white:
+        return None
     matter = parts > _MATTERS * float(np.sum(variances))
     return Colour(
         float(variances[0]), parts[matter], lives[matter] / float(sample_rate), sample_rate
     )
 
 
-def _without_mains(n: int, sample_rate: float) -> NDArray[np.bool_]:
+def _between(quiet: Sequence[Array], seen: Colour) -> float:
+    """Variance of each part of one-over-f noise that the levels of stretches ask for; 0: none.
+
+    Slow noise that no stretch is long enough to show makes their levels differ by more than what
+    is seen within them tells. What all have, or what grows with the time since the beginning, is
+    no noise. The variance between is that of moments (DerSimonian and Laird, Control. Clin.
+    Trials 7, 1986).
+    """
+    counts = np.array([s.size for s in quiet])
+    levels = np.array([float(np.mean(s)) for s in quiet])
+    if counts.size < _LEVELS:
+        return 0.0
+    weights = 1.0 / seen.variance_of_means(counts)
+    shapes = np.stack([np.ones(counts.size), counts / counts.max()], axis=1)
+    root = np.sqrt(weights)
+    basis, _ = np.linalg.qr(shapes * root[:, None])
+    left = root * levels
+    left = left - basis @ (basis.T @ left)
+    scatter, freedom = float(left @ left), counts.size - 2
+    if stats.chi2.sf(scatter, freedom) > _SCATTERED:
+        return 0.0
+    one = dataclasses.replace(seen, white=0.0, variances=np.ones(seen.times.size))
+    felt = one.variance_of_means(counts) * weights
+    share = float(np.sum(felt) - np.sum(felt @ basis**2))
+    return (scatter - freedom) / share
+
+
+def _without_mains(n: int, sample_rate: float, first: int) -> NDArray[np.bool_]:
     """Lines of a spectrum that are used: neither the slowest nor those that a hum may be in."""
     frequency = np.fft.rfftfreq(n, 1.0 / sample_rate)
-    used = np.arange(frequency.size) >= _FIRST
+    used = np.arange(frequency.size) >= first
     width = _TAKEN + _TAKEN * sample_rate / n
     for mains in (50.0, 60.0):
         for harmonic in (1, 2, 3):
             used &= np.abs(frequency - harmonic * mains) > width
     used[-1] = False
-    return used if np.count_nonzero(used) > 8 else np.arange(frequency.size) >= _FIRST
+    return used if np.count_nonzero(used) > 8 else np.arange(frequency.size) >= first
 
 
 def whitener(colour: Colour, centres: Array, counts: IntArray, std: Array) -> Whitener:
@@ -147,77 +192,80 @@ def whitener(colour: Colour, centres: Array, counts: IntArray, std: Array) -> Wh
 
     What ``std`` holds beyond the noise is taken as each bin's own.
     """
-    keep = 1.0 / (colour.times * colour.sample_rate)
-    shape = np.empty((centres.size, colour.times.size))  # attenuation of a part by the mean
-    for n in np.unique(counts):
-        lag = np.arange(n) - 0.5 * (n - 1)
-        shape[counts == n] = np.mean(np.exp(-np.outer(keep, lag)), axis=1)
-    parts = shape * np.sqrt(colour.variances) / std[:, None]
-    return Whitener(*_conditioned(parts, 1.0 / colour.times, centres, np.array(_NEIGHBOURS)))
+    rates = 1.0 / (colour.times * colour.sample_rate)  # of forgetting, per sample
+    first = np.round(centres * colour.sample_rate - 0.5 * (counts - 1)).astype(np.int64)
+    gaps = np.zeros(centres.size, dtype=np.int64)  # samples between a bin and the next
+    gaps[:-1] = np.maximum(first[1:] - first[:-1] - counts[:-1], 0)
+    own = np.maximum(std**2 - colour.variance_of_means(counts), 0.0)
+    means = colour.white / counts + own
+    return Whitener(*_filter(colour.variances, rates, counts, gaps, means, std))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _same(parts: Array, centres: Array, before: IntArray, i: int, other: int) -> bool:
-    """Whether two bins have neighbours at the same distances with the same shares of noise."""
-    step = centres[i] - centres[i - 1]
-    for j in range(-1, before.shape[1]):
-        a, b = (i, other) if j < 0 else (before[i, j], before[other, j])
-        if a < 0 or b < 0:
-            return a == b
-        apart = (centres[i] - centres[a]) - (centres[other] - centres[b])
-        if abs(apart) > _ALIKE * step:
-            return False
-        for k in range(parts.shape[1]):
-            if abs(parts[a, k] - parts[b, k]) > _ALIKE:
-                return False
-    return True
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _conditioned(
-    parts: Array, rates: Array, centres: Array, distances: IntArray
-) -> tuple[IntArray, Array, Array]:
-    n, most = centres.size, distances.size
-    before = np.full((n, most), -1, dtype=np.int64)
-    weights = np.zeros((n, most))
-    scale = np.ones(n)
-    like = -1  # bin whose neighbourhood was solved last
+def _filter(
+    variances: Array, rates: Array, counts: IntArray, gaps: IntArray, white: Array, std: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Kalman's gains for means over bins: what the parts are when a bin begins is its state."""
+    n, k = counts.size, variances.size
+    felt, keep = np.zeros((n, k)), np.zeros((n, k))
+    gain, scale = np.zeros((n, k)), np.ones(n)
+    covariance = np.diag(variances)
+    known, passed = np.zeros(k), np.zeros(k)
+    mixed, rest = np.zeros(k), np.zeros(k)
+    last = -1
     for i in range(n):
-        count = 0
-        while count < most and distances[count] <= i:
-            before[i, count] = i - distances[count]
-            count += 1
-        if count == 0:
-            continue
-        if like >= 0 and _same(parts, centres, before, i, like):
-            weights[i], scale[i] = weights[like], scale[like]
-            continue
-        like = i
-        joint = np.eye(count)
-        cross = np.empty(count)
-        for j in range(count):
-            a = before[i, j]
-            cross[j] = np.sum(parts[i] * parts[a] * np.exp(-rates * (centres[i] - centres[a])))
-            for k in range(j):
-                b = before[i, k]
-                joint[j, k] = joint[k, j] = np.sum(
-                    parts[a] * parts[b] * np.exp(-rates * (centres[b] - centres[a]))
-                )
-        solved = np.linalg.solve(joint, cross)
-        weights[i, :count] = solved
-        scale[i] = 1.0 / np.sqrt(max(1.0 - np.sum(cross * solved), 1e-6))
-    return before, weights, scale
+        size = counts[i]
+        if size != last:
+            last = size
+            for j in range(k):
+                each = math.exp(-rates[j])
+                passed[j] = each**size
+                fall = -math.expm1(-rates[j])
+                known[j] = (1.0 - passed[j]) / (size * fall)  # mean from the beginning
+                mean = size + 2.0 * each * (size * fall - 1.0 + passed[j]) / fall**2
+                rest[j] = variances[j] * max(mean / size**2 - known[j] ** 2, 0.0)
+                mixed[j] = variances[j] * known[j] * (each - passed[j])
+        onward = np.zeros(k)  # covariance of the state with the mean
+        power = white[i]
+        for j in range(k):
+            for m in range(k):
+                onward[j] += covariance[j, m] * known[m]
+            power += rest[j] + known[j] * onward[j]
+        power = max(power, 1e-9 * std[i] ** 2)
+        for j in range(k):
+            gain[i, j] = (passed[j] * onward[j] + mixed[j]) / power
+        for j in range(k):
+            for m in range(k):
+                covariance[j, m] *= passed[j] * passed[m]
+                covariance[j, m] -= gain[i, j] * gain[i, m] * power
+            covariance[j, j] += variances[j] * (1.0 - passed[j] ** 2)
+        for j in range(k):
+            fade = math.exp(-rates[j] * gaps[i])
+            felt[i, j], keep[i, j] = known[j], passed[j] * fade
+            gain[i, j] *= fade
+            for m in range(k):
+                covariance[j, m] *= fade
+                covariance[m, j] *= fade
+            covariance[j, j] += variances[j] * (1.0 - fade**2)
+        scale[i] = std[i] / math.sqrt(power)
+        for j in range(k):  # residuals come over their std
+            felt[i, j] /= std[i]
+            gain[i, j] *= std[i]
+    return felt, keep, gain, scale
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _whitened(columns: Array, before: IntArray, weights: Array, scale: Array) -> Array:
-    out = columns.copy()
-    for i in range(columns.shape[0]):
-        for j in range(before.shape[1]):
-            if before[i, j] < 0:
-                break
-            for k in range(columns.shape[1]):
-                out[i, k] -= weights[i, j] * columns[before[i, j], k]
-        for k in range(columns.shape[1]):
-            out[i, k] *= scale[i]
+def _whitened(columns: Array, felt: Array, keep: Array, gain: Array, scale: Array) -> Array:
+    n, k = felt.shape
+    wide = columns.shape[1]
+    out = np.empty_like(columns)
+    state = np.zeros((k, wide))
+    for i in range(n):
+        for c in range(wide):
+            left = columns[i, c]
+            for j in range(k):
+                left -= felt[i, j] * state[j, c]
+            out[i, c] = left * scale[i]
+            for j in range(k):
+                state[j, c] = keep[i, j] * state[j, c] + gain[i, j] * left
     return out
