@@ -28,6 +28,7 @@ from impactscope.discrepancy.driven.prescribed import linear_prescribed
 from impactscope.discrepancy.driven.recordings import Cut, cuts
 from impactscope.discrepancy.driven.search import Effort, Outcome, search
 from impactscope.discrepancy.driven.shaken import shaken_case, taken_over
+from impactscope.discrepancy.driven.slow_noise import knowing_slow_noise, may_be_slow_noise
 from impactscope.discrepancy.driven.spectral import counting_share
 from impactscope.discrepancy.driven.strangers import Stranger, Verdict, verdict
 from impactscope.discrepancy.driven.subject import Subject
@@ -62,6 +63,10 @@ NEXT_TO_NOTHING, HALF_OF_IT, LITTLE = 0.9, 0.5, 0.8
 MOST_HOLLOW = 10_000  # fitted samples that are searched to the noise although nothing is explained
 REPEATS = 2  # searches with noise that is known better
 MOST_TO_THE_NOISE = 45_000  # samples of a sprung mass; more take minutes and have told already
+SLOW_NOISE = (
+    'The level of the output wanders from recording to recording as noise does that goes with one '
+    'over the frequency; it counts as noise.'
+)
 LARGER = 0.25  # of reduced chi-square, by which what is left is more than noise
 SURE = 6.0  # standard deviations of it
 LEVEL = 0.02  # relative change of the noise's level that matters
@@ -234,8 +239,13 @@ def _exact(
     tell: Progress,
     share: float = 1.0,
     seed: Fit | None = None,
+    *,
+    slow: bool = False,
 ) -> tuple[Answer, Outcome, bool]:
-    """The answer where noise is all that a right model leaves, and whether it is."""
+    """The answer where noise is all that a right model leaves, and whether it is.
+
+    ``slow``: slow noise is known already.
+    """
     baseline = _with_known(campaign, case.model, case.segments, case.baseline)
     tell(0.1 * share, 'searching')
     outcome = exact_search(
@@ -251,6 +261,11 @@ def _exact(
     said = verdict(
         case.laws, case.model, baseline, outcome.best, gain, case.segments, case.settled
     )
+    if not slow and may_be_slow_noise(outcome.best, said):
+        knowing = knowing_slow_noise(case, outcome.best)
+        if knowing is not None:
+            known = (*notes, SLOW_NOISE)
+            return _exact(campaign, knowing, known, tell, share, slow=True)
     if case.model.__class__ is MovedModel or case.model.drifts:
         said = _and_its_size(case, outcome.best, said)
     tell(0.95 * share, 'describing')

@@ -97,7 +97,7 @@ def counted(model: Model, residual: Array, segment: Segment) -> Array:
     the walk nearly white (generalised least squares).
     """
     if segment.whitener is not None:
-        return segment.whitener(residual)
+        return segment.whitened(residual)
     if not model.drifts:
         return residual
     keep = math.exp(-1.0 / (MEMORY * residual.size))

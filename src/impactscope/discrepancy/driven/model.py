@@ -42,6 +42,12 @@ class Segment:
     whitener: Callable[[Array], Array] | None = (
         None  # what the fit applies to residuals; None: nothing
     )
+    slow: Callable[[Array], Array] | None = None  # and then, where slow noise is left
+
+    def whitened(self, residual: Array) -> Array:
+        """A residual as a fit sees it, shape (n,): innovations where the noise is known."""
+        known = residual if self.whitener is None else self.whitener(residual)
+        return known if self.slow is None else self.slow(known)
 
     @property
     def time(self) -> Array:

@@ -39,7 +39,7 @@ def slight(made: Fit) -> float:
 def innovations(segment: Segment, residual: Array) -> Array:
     """A residual, whitened and in units of its noise, shape (n,)."""
     assert segment.whitener is not None  # noqa: S101 - only such segments come here
-    return segment.whitener(residual)
+    return segment.whitened(residual)
 
 
 def joined(segments: Sequence[Segment], parts: Sequence[Array]) -> Array:

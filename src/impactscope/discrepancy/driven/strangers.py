@@ -161,7 +161,7 @@ def verdict(
     best: Fit,
     gain: float,
     segments: Sequence[Segment],
-    settled: Callable[[Fit], tuple[Fit, list[Segment]]] | None = None,
+    settled: Callable[[Fit], tuple[Fit, Sequence[Segment]]] | None = None,
 ) -> Verdict:
     """Hold a search's outcome against laws beyond the vocabulary.
 
