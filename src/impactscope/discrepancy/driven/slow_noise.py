@@ -51,14 +51,20 @@ def knowing_slow_noise(case: Case, made: Fit) -> Case | None:
         case: as it was searched.
         made: the best fit in it.
     """
+    if any(t.name in SLOW and t.own for t in made.terms):
+        # with a number of its own for each recording an effect takes the noise for itself
+        rest = tuple(t for t in made.terms if not (t.name in SLOW and t.own))
+        made = fit(case.model, rest, case.segments, made.values, case.baseline.starts)
     settled, segments = case.settled(made) if case.settled is not None else (made, case.segments)
     pairs = zip(segments, settled.residuals, strict=True)
     left = [innovations(s, r) for s, r in pairs if not s.held_out]
     size = min(r.size for r in left)
     place, level = levels([r[:size] for r in left], slow=True)
     colour = fitted_colour(place, level, np.zeros(place.size), 0.5 * size)
-    if colour is None:
-        colour = _by_levels(left)
+    apart = _by_levels(left)
+    if colour is not None and apart is not None:
+        colour = Colour(colour.white, (*colour.parts, *apart.parts))
+    colour = colour or apart
     if colour is None:
         return None
     filters, louder = [], []
