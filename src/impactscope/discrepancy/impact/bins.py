@@ -28,6 +28,8 @@ _LATE = 0.3  # s after the onset from which a bench may be still
 _STILL = 0.02  # s over which it is
 _LONG_BIN = 4e-3  # s, where nothing changes
 _FLAT = 0.015  # s, at its largest value, that no coarse converter stays without being cut off
+_STEPS_BELOW = 4.5  # the top, where it is looked whether that is round
+_WIDER = 1.6  # times as wide there: a parabola is 2 to 3 times
 _NODE_STEP = 5e-5  # s
 _FLOOR = 0.05  # of the noise, of a sample: what two sound simulations may differ by
 _RELATIVE_FLOOR = 2e-4  # of the value
@@ -91,7 +93,7 @@ def binned(
     dead = coarse_step(channel, onset)
     step = max(step, dead)
     flat = round(_FLAT * rate) if dead > 0.0 else 8 if step > 0.2 * sigma else 3
-    clip = _clipping(samples, channel, flat)
+    clip = _clipping(samples, channel, flat, step)
     # two nodes reproduce two samples exactly; longer bins would blur the kinks of contacts
     shortest = max(1, round(2e-4 * rate))
     size = np.full(samples.size, max(2, shortest) if coarse else shortest)
@@ -225,10 +227,30 @@ def _edges(size: IntArray) -> IntArray:
     return np.asarray(edges, dtype=np.int64)
 
 
-def _clipping(samples: Array, channel: ChannelSamples, length: int) -> float:
+def _round(size: Array, peak: float, step: float) -> bool:
+    """Whether the largest value is the top of a curve: some steps below it is far wider.
+
+    A curve that is cut off crosses these steps in no time.
+    """
+    if step <= 0.0:
+        return False
+    at_top, below = (
+        _longest(size >= least) for least in (peak * (1 - 1e-6), peak - _STEPS_BELOW * step)
+    )
+    return below > _WIDER * at_top
+
+
+def _longest(mask: NDArray[np.bool_]) -> int:
+    """Length of the longest run that is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
+
+
+def _clipping(samples: Array, channel: ChannelSamples, length: int, step: float) -> float:
     """Absolute value at which the channel is cut off, inf where it is not.
 
-    ``length``: samples in a row at the largest value from which that is no coincidence.
+    ``length``: samples in a row at the largest value from which that is no coincidence; ``step``:
+    of the converter, of which a round top is as flat.
     """
     size = np.abs(np.nan_to_num(samples))
     if size.size < 16:
@@ -236,7 +258,8 @@ def _clipping(samples: Array, channel: ChannelSamples, length: int) -> float:
     peak = float(np.max(size))
     flat = (size >= peak * (1 - 1e-6)).astype(np.int64)
     runs = np.convolve(flat, np.ones(length, dtype=np.int64), 'valid')
-    if runs.max() == length and peak > 5 * float(np.median(size)):
+    held = runs.max() == length and peak > 5 * float(np.median(size))
+    if held and not _round(size, peak, step):
         return peak
     stated = min(abs(channel.range_min), abs(channel.range_max))
     if math.isfinite(stated) and peak >= stated * (1 - 1e-6):
