@@ -122,6 +122,7 @@ def _clock(channel: str, *, drifts: bool) -> Candidate:
         starts=({offset.key: 2e-5, drift.key: 1e-5},),
         amplitudes={f.key: 0.0 for f in numbers},
         channel=channel,
+        doubt=0.0 if drifts else _ORDER_DOUBT,  # a delay alone is as likely that of a filter
     )
 
 
