@@ -51,20 +51,12 @@ def knowing_slow_noise(case: Case, made: Fit) -> Case | None:
         case: as it was searched.
         made: the best fit in it.
     """
-    if any(t.name in SLOW and t.own for t in made.terms):
-        # with a number of its own for each recording an effect takes the noise for itself
+    colour = _colour_left(case, made)
+    if colour is not None and any(t.name in SLOW and t.own for t in made.terms):
+        # with a number of its own for each recording an effect takes a part of the noise
         rest = tuple(t for t in made.terms if not (t.name in SLOW and t.own))
-        made = fit(case.model, rest, case.segments, made.values, case.baseline.starts)
-    settled, segments = case.settled(made) if case.settled is not None else (made, case.segments)
-    pairs = zip(segments, settled.residuals, strict=True)
-    left = [innovations(s, r) for s, r in pairs if not s.held_out]
-    size = min(r.size for r in left)
-    place, level = levels([r[:size] for r in left], slow=True)
-    colour = fitted_colour(place, level, np.zeros(place.size), 0.5 * size)
-    apart = _by_levels(left)
-    if colour is not None and apart is not None:
-        colour = Colour(colour.white, (*colour.parts, *apart.parts))
-    colour = colour or apart
+        without = fit(case.model, rest, case.segments, made.values, case.baseline.starts)
+        colour = _colour_left(case, without)
     if colour is None:
         return None
     filters, louder = [], []
@@ -89,14 +81,32 @@ def knowing_slow_noise(case: Case, made: Fit) -> Case | None:
 
     ready = slowly(case.segments)
     before = case.baseline
+    # a level of its own in each recording is what slow noise has: an effect with one is not told
+    able = tuple(t for t in case.model.terms if not (t.name in SLOW and t.own))
+    model = dataclasses.replace(case.model, terms=able)  # type: ignore[type-var]
     return dataclasses.replace(
         case,
+        model=model,
         segments=ready,
-        baseline=fit(case.model, (), ready, before.values, before.starts, tolerance=FINE),
+        baseline=fit(model, (), ready, before.values, before.starts, tolerance=FINE),
         judge=NoiseJudge(ready, case.judge.muffled),
         noise={name: std * max(louder) for name, std in case.noise.items()},
         settled=None if case.settled is None else anew,
     )
+
+
+def _colour_left(case: Case, made: Fit) -> Colour | None:
+    """The slow noise that a fit leaves, over what is whitened already; None where it is white."""
+    settled, segments = case.settled(made) if case.settled is not None else (made, case.segments)
+    pairs = zip(segments, settled.residuals, strict=True)
+    left = [innovations(s, r) for s, r in pairs if not s.held_out]
+    size = min(r.size for r in left)
+    place, level = levels([r[:size] for r in left], slow=True)
+    colour = fitted_colour(place, level, np.zeros(place.size), 0.5 * size)
+    apart = _by_levels(left)
+    if colour is not None and apart is not None:
+        return Colour(colour.white, (*colour.parts, *apart.parts))
+    return colour or apart
 
 
 def _by_levels(left: Sequence[Array]) -> Colour | None:

@@ -127,7 +127,7 @@ def _low_pass(samples: Array, rate: float, numbers: Mapping[str, float]) -> Arra
 
 
 def _ahead(course: Array, rate: float, numbers: Mapping[str, float]) -> Array:
-    """What an analogue low-pass makes of a course, exact to the fourth order of the step.
+    """What an analogue low-pass makes of a course that is smooth but for a few corners.
 
     The filter's response is that to straight lines between the moments. A curved course lies
     beside them by arcs; what the filter passes of these is taken off first.
