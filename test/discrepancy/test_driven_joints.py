@@ -8,8 +8,8 @@ import pytest
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.explain import _hollow
 from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.hollow import hollow
 from impactscope.discrepancy.driven.search import _there
 from impactscope.discrepancy.driven.terms import Number, Term
 
@@ -95,8 +95,8 @@ def test_an_amount_below_its_own_uncertainty_names_nothing(name, value, std, the
     assert _there(made, term) is there
 
 
-@pytest.mark.parametrize(('share', 'hollow'), [(0.3, False), (0.7, True)])
-def test_noise_is_not_most_of_a_channel(share, hollow):
+@pytest.mark.parametrize(('share', 'empty'), [(0.3, False), (0.7, True)])
+def test_noise_is_not_most_of_a_channel(share, empty):
     """An answer is not taken whose findings leave more than half of what was measured."""
 
     def load(seed):
@@ -111,7 +111,7 @@ def test_noise_is_not_most_of_a_channel(share, hollow):
         for t in answer.traces
     )
     accepted = ('hardening_spring',)
-    assert _hollow(dataclasses.replace(answer, accepted=accepted, traces=traces)) is hollow
+    assert hollow(dataclasses.replace(answer, accepted=accepted, traces=traces)) is empty
 
 
 def test_a_coupling_whose_corner_may_as_well_be_none_is_not_named():

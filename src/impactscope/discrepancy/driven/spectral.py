@@ -25,6 +25,7 @@ __all__ = [
     'fitted_colour',
     'levels',
     'stepped',
+    'unlike_noise',
     'whitening',
 ]
 
@@ -39,6 +40,8 @@ PARTS = 60  # into which a spectrum is cut, ever wider
 COLOURED = 40.0  # twice the logarithm of the likelihood by which noise is not white
 MIXED = 8.0  # the same by which one part that falls is not enough
 FEWEST = 12  # parts of a spectrum that tell a colour
+# deviance of the middle one of a spectrum's parts; one of a sensor's noise has 1 to 5, a walk 5
+UNLIKE = 30.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,3 +239,19 @@ def fitted_colour(
         if 2.0 * (least - both) > MIXED:
             return mixed
     return colour
+
+
+def unlike_noise(colour: Colour, place: Array, left: Array, lines: float) -> bool:
+    """Whether a spectrum is far from the nearest colour that a sensor's noise has.
+
+    What errors of a force leave in the position of a mass falls far more steeply.
+
+    Args:
+        colour: the nearest one.
+        place: frequencies over half the rate, shape (k,).
+        left: levels there.
+        lines: of the spectrum in all, over which the parts are spread.
+    """
+    ratio = left / colour.power(place)
+    deviance = 2.0 * lines * np.gradient(place) * (ratio - 1.0 - np.log(ratio))
+    return float(np.median(deviance)) > UNLIKE

@@ -1,0 +1,150 @@
+"""How the campaign of a driven, free or prescribed motion, or of a chain, is begun.
+
+Signs that cannot be right are turned, the linear baseline is fitted, and what the campaign says
+its simulation has is added to it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from impactscope.discrepancy.campaign import Campaign, CampaignKind
+from impactscope.discrepancy.driven.chain import linear_chain
+from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
+from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.oscillation import linear_oscillator, reversed_channels
+from impactscope.discrepancy.driven.prescribed import linear_prescribed
+from impactscope.discrepancy.driven.recordings import Cut, cuts
+from impactscope.discrepancy.driven.terms import Term
+from impactscope.errors import ConfigurationError
+
+__all__ = [
+    'FREE',
+    'MOST_OF_PLATE',
+    'held_between_samples',
+    'linear_start',
+    'sprung',
+    'stated_modes',
+    'with_known',
+    'with_right_signs',
+]
+
+FREE = ('', 'none', 'null')
+LINEAR = (
+    'linear_sensor',
+    'linear_mass_damper',
+    'linear_spring_damper',
+    'linear_mass_spring_damper',
+)
+MOST_OF_PLATE = 150_000  # samples of all fitted recordings of a plate under a hammer
+
+
+def linear_start(
+    campaign: Campaign, notes: list[str]
+) -> tuple[list[Cut], Model, list[Segment], Fit]:
+    """Usable parts of the recordings, the model, and the fitted linear baseline."""
+    bench = campaign.bench
+    if campaign.kind is CampaignKind.PRESCRIBED_MOTION:
+        parts = cuts(campaign, [str(bench['output'])], str(bench['motion']), notes)
+        return parts, *linear_prescribed(parts, spring=sprung(campaign))
+    if campaign.kind is CampaignKind.CHAIN:
+        names = [str(bench['output'])], str(bench['input'])
+        parts = cuts(campaign, *names, notes, MOST_OF_PLATE)
+        return parts, *linear_chain(parts)
+    drive = str(bench.get('input', ''))
+    drive = '' if drive.lower() in FREE else drive
+    parts = cuts(campaign, [str(name) for name in bench['outputs']], drive, notes)
+    spring = sprung(campaign)
+    if not drive and not spring:
+        raise ConfigurationError(
+            f'{campaign.name}: a free motion without restoring force shows nothing'
+        )
+    return parts, *linear_oscillator(parts, spring=spring, held=held_between_samples(campaign))
+
+
+def with_known(campaign: Campaign, model: Model, segments: Sequence[Segment], linear: Fit) -> Fit:
+    """The baseline with the mechanisms that the campaign says the simulation has."""
+    baseline = linear
+    for item in campaign.baseline:
+        if item.name in LINEAR:
+            continue
+        forms = [t for t in model.terms if t.name == item.name]
+        if not forms:
+            known = ', '.join(sorted({t.name for t in model.terms}.union(LINEAR)))
+            raise ConfigurationError(
+                f'{campaign.name}: baseline {item.name!r} is not known for a campaign of kind '
+                f'{campaign.kind.value}; known are {known}'
+            )
+        tries = [_extended(model, segments, baseline, term, item.values) for term in forms]
+        baseline = min(tries, key=lambda f: _misfit(f, segments))
+    return baseline
+
+
+def with_right_signs(campaign: Campaign) -> Campaign:
+    """The campaign with the sign of outputs turned that answer their input the wrong way."""
+    drive = str(campaign.bench.get('input', ''))
+    if campaign.kind is not CampaignKind.DRIVEN or drive.lower() in FREE:
+        return campaign
+    outputs = [str(name) for name in campaign.bench['outputs']]
+    parts = cuts(campaign, outputs, drive, [])
+    turned = reversed_channels(parts, spring=sprung(campaign))
+    if not turned:
+        return campaign
+    recordings = tuple(
+        dataclasses.replace(
+            r,
+            channels={
+                n: dataclasses.replace(c, values=-c.values) if n in turned else c
+                for n, c in r.channels.items()
+            },
+        )
+        for r in campaign.recordings
+    )
+    note = f'{", ".join(turned)}: the sign is opposite to that of {drive}; it is turned here.'
+    return dataclasses.replace(campaign, recordings=recordings, notes=(*campaign.notes, note))
+
+
+def held_between_samples(campaign: Campaign) -> bool:
+    """Whether the input is commanded: it stays constant between samples."""
+    bench = campaign.bench
+    return 'reference' in bench or 'controller' in bench or bench.get('hold') is True
+
+
+def sprung(campaign: Campaign) -> bool:
+    """Whether the baseline has a restoring force."""
+    restoring = campaign.model.get('restoring', 'linear')
+    return (
+        restoring not in (None, 'none', False)
+        and 'linear_mass_damper' not in campaign.baseline_names
+    )
+
+
+def stated_modes(campaign: Campaign) -> int:
+    """How many modes the model is said to have; raises ConfigurationError where that is none."""
+    value: Any = campaign.model.get('modes', 1)
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ConfigurationError(
+            f'{campaign.name}: model.modes is {value!r}; it must be a whole number from 1'
+        )
+    return value
+
+
+def _extended(
+    model: Model,
+    segments: Sequence[Segment],
+    baseline: Fit,
+    term: Term,
+    stated: Mapping[str, float],
+) -> Fit:
+    initial = {**baseline.values, **(term.restart or {})}
+    initial.update({f'{term.label}.{k}': v for k, v in stated.items()})
+    return fit(model, (*baseline.terms, term), segments, initial, baseline.starts, tolerance=FINE)
+
+
+def _misfit(made: Fit, segments: Sequence[Segment]) -> float:
+    pairs = zip(made.residuals, segments, strict=True)
+    return sum(float(np.sum(r**2)) for r, s in pairs if not s.held_out)

@@ -1,0 +1,70 @@
+"""Whether an answer explains anything, or noise and effects stand for what is unexplained."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from impactscope.discrepancy.answer import Answer
+from impactscope.discrepancy.campaign import Campaign
+from impactscope.discrepancy.driven.beginnings import FREE
+from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.model import Segment
+from impactscope.discrepancy.driven.search import Outcome
+
+__all__ = ['hollow', 'of_what_is_explained']
+
+# of a channel: a model that leaves half of the recordings that it was fitted to, and more than the
+# first of some or more than the last of what the baseline leaves of all, explains nothing
+NEXT_TO_NOTHING, HALF_OF_IT, LITTLE = 0.9, 0.5, 0.8
+
+
+def hollow(answer: Answer | None) -> bool:
+    """Whether noise is said to be all that is left, where that is most of the channel.
+
+    Noise of some colour would then be nearly all there is: a channel that has nothing to do with
+    the input, or a fit that went astray. So it did where a corner may as well be none: what the
+    coupling holds of the time before is then an offset.
+    """
+    if answer is None or 'unknown' in answer.accepted:
+        return False
+    for finding in answer.ranking[: len(answer.accepted)]:
+        corner = finding.parameters.get('corner')
+        if corner is not None and float(corner.value) < corner.std:
+            return True
+    told = [t for t in answer.traces if not t.held_out]
+    left = sum(float(np.sum((t.measured - t.extended) ** 2)) for t in told)
+    power = sum(float(np.sum((t.measured - np.mean(t.measured)) ** 2)) for t in told)
+    return left > (HALF_OF_IT if answer.accepted else NEXT_TO_NOTHING) ** 2 * power
+
+
+def of_what_is_explained(
+    campaign: Campaign, outcome: Outcome, segments: Sequence[Segment], notes: list[str]
+) -> Outcome:
+    """The outcome without findings where even the best model explains next to nothing."""
+
+    def left_of(made: Fit, held_out: bool) -> float:
+        pairs = zip(made.residuals, segments, strict=True)
+        mine = [(r, s) for r, s in pairs if s.held_out == held_out]
+        power = sum(float(np.sum((s.measured - np.mean(s.measured)) ** 2)) for _, s in mine)
+        return math.sqrt(sum(float(np.sum(r**2)) for r, _ in mine) / (power or 1.0))
+
+    fitted, predicted = left_of(outcome.best, False), left_of(outcome.best, True)
+    before = left_of(outcome.baseline, False), left_of(outcome.baseline, True)
+    little = fitted > LITTLE * before[0] and predicted >= LITTLE * before[1]
+    if fitted < HALF_OF_IT or not (little or max(fitted, predicted) > NEXT_TO_NOTHING):
+        return outcome
+    drive = str(campaign.bench.get('input', ''))
+    cause = 'no free oscillation' if drive.lower() in FREE else f'not the answer to {drive} alone'
+    names = ', '.join(dict.fromkeys(s.channel for s in segments))
+    ahead = f' and {predicted:.2g} where it was predicted' if predicted else ''
+    notes.append(
+        f'No mass, spring and damper, with or without a known effect, explains {names}: '
+        f'{fitted:.2g} of it is left where it was fitted{ahead}. It is {cause}, or the machine is '
+        'of another kind; look at the choice of channels.'
+    )
+    base = outcome.baseline
+    rivals = (outcome.best, *outcome.rivals) if outcome.best is not base else outcome.rivals
+    return Outcome(base, base, rivals, believed=False)

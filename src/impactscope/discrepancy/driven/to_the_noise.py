@@ -1,0 +1,274 @@
+"""Answers where noise is all that a right model leaves: plates, masses, motions and chains.
+
+What is found tells the noise, and the noise what is found: the search is repeated until neither
+changes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from impactscope.discrepancy.answer import Answer
+from impactscope.discrepancy.campaign import Campaign
+from impactscope.discrepancy.driven.beginnings import (
+    MOST_OF_PLATE,
+    held_between_samples,
+    sprung,
+    stated_modes,
+    with_known,
+)
+from impactscope.discrepancy.driven.case import Case
+from impactscope.discrepancy.driven.chain import ChainModel, chain_case
+from impactscope.discrepancy.driven.describe import describe
+from impactscope.discrepancy.driven.exact import exact_search
+from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.model import OscillatorModel, Segment
+from impactscope.discrepancy.driven.moved import MovedModel, moved_case
+from impactscope.discrepancy.driven.noise_judge import reduced, slight
+from impactscope.discrepancy.driven.plate import plate_under_hammer
+from impactscope.discrepancy.driven.recordings import Cut, cuts
+from impactscope.discrepancy.driven.search import Outcome
+from impactscope.discrepancy.driven.shaken import shaken_case, taken_over
+from impactscope.discrepancy.driven.slow_noise import knowing_slow_noise, may_be_slow_noise
+from impactscope.discrepancy.driven.spectral import counting_share
+from impactscope.discrepancy.driven.strangers import Stranger, Verdict, verdict
+from impactscope.discrepancy.driven.subject import Subject
+
+__all__ = ['Progress', 'chain_answer', 'mass_answer', 'motion_answer', 'plate_answer']
+
+Progress = Callable[[float, str], None]
+
+MOSTLY_NOISE = 30.0  # reduced chi-square of a baseline beyond which it is not looked at as noise
+AT_ALL_NOISE = 300.0  # the same under other forces, where a hum or a filter may be large
+# reduced chi-square below which what was taken for noise is not: signals that the motion was
+# thought to spare were counted in
+OVERSTATED = 0.5
+NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
+HOPELESS = 8.0  # reduced chi-square that no better knowledge of the noise brings down to it
+REPEATS = 2  # searches with noise that is known better
+SLOW_NOISE = (
+    'The level of the output wanders from recording to recording as noise does that goes with one '
+    'over the frequency; it counts as noise.'
+)
+LARGER = 0.25  # of reduced chi-square, by which what is left is more than noise
+SURE = 6.0  # standard deviations of it
+LEVEL = 0.02  # relative change of the noise's level that matters
+
+
+def plate_answer(
+    campaign: Campaign,
+    parts: Sequence[Cut],
+    model: OscillatorModel,
+    segments: Sequence[Segment],
+    linear: Fit,
+    tell: Progress,
+) -> tuple[Answer | None, bool]:
+    """The answer for a plate under a hammer; None if it is none or leaves far more than noise."""
+    if 'stiffness' not in linear.values or stated_modes(campaign) > 1:
+        return None, False
+    notes = list(campaign.notes)
+    whole = cuts(campaign, [parts[0].channel], parts[0].drive_channel, notes, MOST_OF_PLATE)
+    if len(whole) != len(parts):
+        return None, False
+    case = plate_under_hammer(whole, model, segments, linear)
+    if case is None or not OVERSTATED < reduced(case.judge, case.baseline) < MOSTLY_NOISE:
+        return None, False
+    answer, _, sure = _exact(campaign, case, notes, tell)
+    return answer, sure
+
+
+def mass_answer(
+    campaign: Campaign,
+    parts: Sequence[Cut],
+    model: OscillatorModel,
+    segments: Sequence[Segment],
+    linear: Fit,
+    tell: Progress,
+    seed: Fit | None = None,
+) -> tuple[Answer | None, bool]:
+    """The answer for a mass under any force, or free; None if far more than noise is left.
+
+    ``seed``: what another search has found, to go on from.
+    """
+    if stated_modes(campaign) > 1:
+        return None, False
+    notes = list(campaign.notes)
+    channels = list(dict.fromkeys(p.channel for p in parts))
+    whole = cuts(campaign, channels, parts[0].drive_channel, notes, MOST_OF_PLATE)
+    if len(whole) != len(parts):
+        return None, False
+    held = held_between_samples(campaign)
+    case = shaken_case(whole, model, segments, linear, held=held)
+    if case is not None and seed is not None:
+        case, seed = taken_over(case, seed)
+        case = case and shaken_case(whole, model, segments, linear, held=held, found=(case, seed))
+        if case is not None:  # which now knows the noise, and how recordings begin
+            case, seed = taken_over(case, seed)
+    start = None if case is None else (seed or case.baseline)
+    if case is None or start is None:
+        return None, False
+    least = OVERSTATED * counting_share([s.whitener for s in case.segments])
+    if not least < reduced(case.judge, start) < AT_ALL_NOISE:
+        return None, False
+
+    def anew(before: Case, found: Fit) -> Case | None:
+        return shaken_case(whole, model, segments, linear, held=held, found=(before, found))
+
+    answer, sure = _repeated(campaign, case, anew, notes, tell, seed)
+    # on real machines what stands beside the findings is an error of the model; an axis that is
+    # explained to its noise is none of these
+    beside = 'unknown' in answer.accepted and len(answer.accepted) > 1
+    return answer, sure and (case.model.drifts or not beside)
+
+
+def motion_answer(
+    campaign: Campaign, parts: Sequence[Cut], notes: Sequence[str], tell: Progress
+) -> tuple[Answer | None, bool]:
+    """The answer for a prescribed motion that noise hides alone; None if it is none."""
+    if not sprung(campaign):
+        return None, False
+    own: list[str] = []
+    whole = cuts(campaign, [parts[0].channel], parts[0].drive_channel, own, MOST_OF_PLATE)
+    mass = 'linear_mass_spring_damper' in campaign.baseline_names or not campaign.baseline
+    case = moved_case(whole, mass)
+    if case is None:
+        return None, False
+
+    def anew(before: Case, found: Fit) -> Case | None:
+        return moved_case(whole, mass, before, found)
+
+    answer, sure = _repeated(campaign, case, anew, notes, tell)
+    return answer, sure and not _errs(answer)
+
+
+def chain_answer(
+    campaign: Campaign,
+    model: ChainModel,
+    segments: Sequence[Segment],
+    linear: Fit,
+    notes: Sequence[str],
+    tell: Progress,
+) -> tuple[Answer | None, bool]:
+    """The answer for a chain between two channels with noise; what is found tells the noise."""
+    case = chain_case(model, segments, linear)
+    if case is None:
+        return None, False
+
+    def anew(_: Case, found: Fit) -> Case | None:
+        return chain_case(model, segments, linear, found)
+
+    return _repeated(campaign, case, anew, notes, tell)
+
+
+def _exact(
+    campaign: Campaign,
+    case: Case,
+    notes: Sequence[str],
+    tell: Progress,
+    share: float = 1.0,
+    seed: Fit | None = None,
+    *,
+    slow: bool = False,
+) -> tuple[Answer, Outcome, bool]:
+    """The answer where noise is all that a right model leaves, and whether it is.
+
+    ``slow``: slow noise is known already.
+    """
+    baseline = with_known(campaign, case.model, case.segments, case.baseline)
+    tell(0.1 * share, 'searching')
+    outcome = exact_search(
+        case.model,
+        baseline,
+        case.segments,
+        case.judge,
+        lambda done: tell((0.1 + 0.75 * done) * share, 'searching'),
+        seed,
+    )
+    tell(0.9 * share, 'looking for what the library lacks')
+    gain = case.judge.worth(baseline, outcome.best).fitted
+    said = verdict(
+        case.laws, case.model, baseline, outcome.best, gain, case.segments, case.settled
+    )
+    if not slow and may_be_slow_noise(outcome.best, said):
+        knowing = knowing_slow_noise(case, outcome.best)
+        if knowing is not None:
+            known = (*notes, SLOW_NOISE)
+            return _exact(campaign, knowing, known, tell, share, slow=True)
+    if case.model.__class__ is MovedModel or case.model.drifts:
+        said = _and_its_size(case, outcome.best, said)
+    tell(0.95 * share, 'describing')
+    subject = Subject(
+        campaign, case.model, case.segments, case.judge, outcome, None, tuple(notes), case, said
+    )
+    return describe(subject), outcome, reduced(case.judge, outcome.best) < NOISE
+
+
+def _and_its_size(case: Case, best: Fit, said: Verdict) -> Verdict:
+    """What a verdict becomes where more than noise is left in any recording, as it is."""
+    if said.left:
+        return said
+    before = case.judge.chi_squares(case.baseline)
+    for s, was, chi_square in zip(
+        case.segments, before, case.judge.chi_squares(best), strict=True
+    ):
+        count = s.measured.size
+        error = slight(best) * was / count
+        if chi_square / count > 1.0 + LARGER + SURE * math.sqrt(2.0 / count) + error:
+            law = f'nothing that was tried; {s.recording} is left {chi_square / count:.3g} times'
+            rest = Stranger(f'{law} its noise in power', chi_square - count, 1)
+            return Verdict(True, not best.terms, rest, 1.0)
+    return said
+
+
+def _errs(answer: Answer) -> bool:
+    """Whether an answer with findings and something unknown beside them leaves more than noise.
+
+    What is left is then an error of the model: under it noise's measure finds filters, limits and
+    stops that are not there.
+    """
+    if 'unknown' not in answer.accepted or len(answer.accepted) < 2:
+        return False
+    made = answer.fit.extended
+    left = [made.reduced_chi_square, made.held_out_reduced_chi_square]
+    least = min(t.measured.size for t in answer.traces)
+    most = 1.0 + LARGER + SURE * math.sqrt(2.0 / least)
+    return any(math.isfinite(x) and x > most for x in left)
+
+
+def _repeated(
+    campaign: Campaign,
+    case: Case,
+    anew: Callable[[Case, Fit], Case | None],
+    notes: Sequence[str],
+    tell: Progress,
+    seed: Fit | None = None,
+) -> tuple[Answer, bool]:
+    """The answer once the noise, judged ``anew`` by what was found, no longer changes."""
+    answer, outcome, sure = _exact(campaign, case, notes, tell, 0.5, seed)
+    erred = False
+    for _ in range(REPEATS):
+        if reduced(case.judge, outcome.best) > HOPELESS:
+            break
+        if erred and _errs(answer):
+            break  # knowing the noise better does not help
+        erred = _errs(answer)
+        again = anew(case, outcome.best)
+        if again is None or _alike(case, again):
+            break
+        case = again
+        answer, outcome, sure = _exact(campaign, case, notes, tell, seed=outcome.best)
+    return answer, sure
+
+
+def _alike(one: Case, other: Case) -> bool:
+    """Whether two cases take the noise for the same."""
+    return all(
+        abs(math.log(float(np.linalg.norm(a.whitener(p)) / np.linalg.norm(b.whitener(p))))) < LEVEL
+        for a, b in zip(one.segments, other.segments, strict=True)
+        if a.whitener is not None and b.whitener is not None
+        for white in [np.random.default_rng(0).standard_normal(a.measured.size)]
+        for p in (white, np.cumsum(white))  # noise of all frequencies, and slow noise
+    )
