@@ -6,7 +6,12 @@ from scipy import signal
 
 from impactscope.discrepancy.driven.both_ends import both_noises
 from impactscope.discrepancy.driven.force import known_force
-from impactscope.discrepancy.driven.spectral import fitted_colour, levels, whitening
+from impactscope.discrepancy.driven.spectral import (
+    fitted_colour,
+    levels,
+    unlike_noise,
+    whitening,
+)
 
 SAMPLES = 20_000
 
@@ -48,6 +53,29 @@ def test_a_colour_is_seen_and_white_noise_has_none():
         _, loud = levels([still])
         found = fitted_colour(place, left, loud, 0.5 * SAMPLES)
         assert (found is not None) is coloured
+
+
+@pytest.mark.parametrize('seed', [4, 5, 6])
+@pytest.mark.parametrize(
+    ('slowest', 'error'), [('corner', False), ('walk', False), ('mass', True)]
+)
+def test_what_a_force_does_to_a_mass_is_no_sensors_noise(slowest, error, seed):
+    """A corner and even a walk are noise; the position of a pushed mass falls more steeply."""
+    rng = np.random.default_rng(seed)
+    white = rng.standard_normal((2, SAMPLES))
+    noise = 0.01 * white[0]
+    if slowest == 'corner':
+        noise = noise + signal.lfilter([0.1], [1.0, -0.99], white[1])
+    elif slowest == 'walk':
+        noise = noise + 0.1 * np.cumsum(white[1])
+    else:
+        force = signal.lfilter([1.0], [1.0, -0.97], white[1])
+        speed = signal.lfilter([1.0], [1.0, -0.998], force)
+        noise = noise + np.cumsum(speed)
+    place, left = levels([noise], slow=True)
+    found = fitted_colour(place, left, np.zeros(place.size), 0.5 * SAMPLES)
+    assert found is not None
+    assert unlike_noise(found, place, left, 0.5 * SAMPLES) is error
 
 
 def test_a_force_that_stands_still_is_known_by_its_mean():
