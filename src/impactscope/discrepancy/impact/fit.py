@@ -7,6 +7,7 @@ further simulation of the campaign each, those of shared numbers likewise.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from impactscope.discrepancy.impact.model import ImpactModel, Layout
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['Fit', 'at_point', 'fit', 'jacobian', 'projector']
+__all__ = ['Fit', 'at_point', 'exact_slopes', 'fit', 'jacobian', 'projector', 'settled']
 
 Array = NDArray[np.float64]
 
@@ -29,6 +30,12 @@ _SETTLED = 0.02  # fall of chi-square, over its mean, below which a fit has conv
 _UPDATED = 3  # steps in a row for which slopes are brought up to date and not taken anew
 _STRAIGHT = (0.3, 1.7)  # fall over the expected one, within which they are
 _ROUGH = 1.0  # ``settled`` of fits on the way to others
+_FINE = 0.3  # norm of the change of all residuals by a step either way, for exact slopes
+_FINER = 0.2  # times as long, the next step, where the two ways differ
+_ALIKE = 0.995  # cosine of the changes by a step either way
+_TRIES = 3
+_ROUNDS = 6  # with exact slopes
+_AT_REST = 0.01  # of chi-square
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +126,102 @@ def jacobian(
         # later contacts amplify: a step that is small at the onset may be far too large there
         model.steps[number.key] = _FELT / max(norm, 1e-300)
     return result
+
+
+def exact_slopes(found: Fit) -> Array:
+    """Sensitivities at a fit by central differences, shape (n_residuals, n_free).
+
+    A step that is long enough to lead a search may bring a contact, a slip or a sample of either
+    to the other side. What jumps there would pass for an influence that no other number has, and
+    numbers that recordings hardly part would seem to be parted well. So steps are short, and
+    shorter still where the two ways differ.
+    """
+    model, layout, x = found.model, found.layout, found.x
+    lower, upper = model.bounds()
+    result = np.zeros_like(found.jacobian)
+    norms = np.linalg.norm(found.jacobian, axis=0)
+    for j, number in enumerate(model.free):
+        if norms[j] == 0.0:
+            continue
+        blows = layout.blows if number.blow is None else (number.blow,)
+        step = min(_FINE / norms[j], _STEP * number.scale)
+        best = -2.0
+        for _ in range(_TRIES):
+            ways = [
+                change
+                for way in (step, -step)
+                if lower[j] <= x[j] + way <= upper[j]
+                and (change := _change(found, j, way, blows)) is not None
+            ]
+            if not ways:
+                break
+            size = [float(np.linalg.norm(w)) for w in ways]
+            alike = -1.0 if len(ways) == 1 else 1.0
+            if len(ways) == 2:
+                alike = float(ways[0] @ ways[1]) / max(size[0] * size[1], 1e-300)
+                alike *= min(size) / max(max(size), 1e-300)
+            if alike > best:
+                best, result[:, j] = alike, np.mean(ways, axis=0)
+            if alike > _ALIKE or len(ways) == 1:
+                break
+            step *= _FINER
+        if best == -2.0:
+            result[:, j] = found.jacobian[:, j]
+    return result
+
+
+def _change(found: Fit, j: int, step: float, blows: Sequence[int]) -> Array | None:
+    """Change of all residuals per step of one number; None where nothing can be simulated."""
+    model, layout = found.model, found.layout
+    moved = found.x.copy()
+    moved[j] += step
+    values = model.values(moved)
+    out = np.zeros_like(found.residuals)
+    try:
+        parts = side_by_side(partial(model.blow_residuals, values, layout=layout), blows)
+    except ImpactscopeError:
+        return None
+    for i, changed in zip(blows, parts, strict=True):
+        span = layout.blow_spans[i]
+        out[span] = (changed - found.residuals[span]) / step
+    prior = model.prior_residuals(values, layout) - found.residuals[layout.size :]
+    out[layout.size :] = prior / step
+    return out
+
+
+def settled(found: Fit) -> Fit:
+    """A fit brought to the very bottom of its minimum, with exact slopes there."""
+    lower, upper = found.model.bounds()
+    best = dataclasses.replace(found, slopes=exact_slopes(found))
+    for _ in range(_ROUNDS):
+        slopes, residuals = best.jacobian, best.residuals
+        gradient = slopes.T @ residuals
+        inside = ~(((best.x <= lower) & (gradient > 0)) | ((best.x >= upper) & (gradient < 0)))
+        scale = np.linalg.norm(slopes, axis=0)
+        inside &= scale > 0.0
+        step = np.zeros_like(best.x)
+        answer = np.linalg.lstsq(slopes[:, inside] / scale[inside], residuals, rcond=1e-12)[0]
+        step[inside] = -answer / scale[inside]
+        if -float(gradient @ step) < _AT_REST:
+            break
+        better = None
+        for share in (1.0, 0.3, 0.1):
+            x = np.clip(best.x + share * step, lower, upper)
+            try:
+                trial = at_point(found.model, found.layout, x)
+            except (ImpactscopeError, OverflowError):
+                continue
+            if trial.chi_square < best.chi_square:
+                better = trial
+                break
+        if better is None:
+            break
+        fallen = best.chi_square - better.chi_square
+        better = dataclasses.replace(better, slopes=slopes, converged=True)
+        best = dataclasses.replace(better, slopes=exact_slopes(better))
+        if fallen < _AT_REST:
+            break
+    return best
 
 
 def fit(

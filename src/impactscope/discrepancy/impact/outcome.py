@@ -141,12 +141,19 @@ def settled_without(joint: Fit, gone: Sequence[Candidate], without: Fit) -> Fit:
     moves = np.zeros(joint.x.size)
     for candidate in gone:
         for key, absent in candidate.amplitudes.items():
-            if key not in keys or not math.isfinite(absent):
+            if key not in keys:
                 return without
             free = joint.model.free[keys[key]]
-            if free.logarithmic and absent <= 0.0:
+            if math.isinf(absent) and free.logarithmic:
+                # one over it is the effect's strength: to nothing, its logarithm rises by one
+                moves[keys[key]] = 1.0
+                continue
+            if not math.isfinite(absent) or (free.logarithmic and absent <= 0.0):
                 return without
             moves[keys[key]] = free.to_inner(absent) - joint.x[keys[key]]
+        for free in candidate.free:
+            if free.prior is not None and free.key in keys and candidate.amplitudes:
+                moves[keys[free.key]] = free.to_inner(free.prior[0]) - joint.x[keys[free.key]]
     if not np.any(moves):
         return without
     kept = [keys[f.key] for f in without.model.free if f.key in keys]

@@ -23,7 +23,7 @@ from impactscope.discrepancy.evidence import (
 from impactscope.discrepancy.impact.adequacy import adequacy
 from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.candidates import candidates
-from impactscope.discrepancy.impact.fit import Fit, at_point, fit
+from impactscope.discrepancy.impact.fit import Fit, at_point, fit, settled
 from impactscope.discrepancy.impact.follow import (
     fit_baseline,
     followed,
@@ -128,8 +128,9 @@ class Search:
             outcome.tests = None
         if outcome.accepted:
             final = outcome.final
-            final = fit(final.model, final.layout, final.x, near=final)
-            outcome.final, outcome.modes = other_modes(final, outcome.accepted)
+            final = settled(fit(final.model, final.layout, final.x, near=final))
+            best, outcome.modes = other_modes(final, outcome.accepted)
+            outcome.final = best if best is final else settled(best)
         self._bare(outcome)
         return outcome
 
@@ -398,7 +399,10 @@ class Search:
 
     def check(self, outcome: Outcome) -> None:
         """Let the held-out recordings judge; see :func:`check_held_out`."""
+        judged = outcome.final
         check_held_out(outcome, self.thresholds, _MOST)
+        if outcome.accepted and outcome.final is not judged:
+            outcome.final = settled(outcome.final)
 
 
 def _follows_whole(baseline: Fit) -> bool:
