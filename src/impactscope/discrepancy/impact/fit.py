@@ -30,10 +30,7 @@ _SETTLED = 0.02  # fall of chi-square, over its mean, below which a fit has conv
 _UPDATED = 3  # steps in a row for which slopes are brought up to date and not taken anew
 _STRAIGHT = (0.3, 1.7)  # fall over the expected one, within which they are
 _ROUGH = 1.0  # ``settled`` of fits on the way to others
-_FINE = 0.3  # norm of the change of all residuals by a step either way, for exact slopes
-_FINER = 0.2  # times as long, the next step, where the two ways differ
-_ALIKE = 0.995  # cosine of the changes by a step either way
-_TRIES = 3
+_FELT_BY = (0.1, 0.3, 1.0, 3.0)  # the same, of the steps either way for exact slopes
 _ROUNDS = 6  # with exact slopes
 _AT_REST = 0.01  # of chi-square
 
@@ -129,45 +126,49 @@ def jacobian(
 
 
 def exact_slopes(found: Fit) -> Array:
-    """Sensitivities at a fit by central differences, shape (n_residuals, n_free).
+    """Sensitivities at a fit by differences of several lengths, shape (n_residuals, n_free).
 
     A step that is long enough to lead a search may bring a contact, a slip or a sample of either
-    to the other side. What jumps there would pass for an influence that no other number has, and
-    numbers that recordings hardly part would seem to be parted well. So steps are short, and
-    shorter still where the two ways differ.
+    to the other side; in a very short one the integrator's own errors show. Either would pass for
+    an influence that no other number has, and numbers that recordings hardly part would seem to be
+    parted well. So every residual has the weighted median of its changes by steps of several
+    lengths to both sides: what jumps on one side, or in the longest steps alone, is outvoted.
     """
     model, layout, x = found.model, found.layout, found.x
     lower, upper = model.bounds()
-    result = np.zeros_like(found.jacobian)
-    norms = np.linalg.norm(found.jacobian, axis=0)
+    result = found.jacobian.copy()
+    norms = np.linalg.norm(result, axis=0)
     for j, number in enumerate(model.free):
         if norms[j] == 0.0:
             continue
         blows = layout.blows if number.blow is None else (number.blow,)
-        step = min(_FINE / norms[j], _STEP * number.scale)
-        best = -2.0
-        for _ in range(_TRIES):
-            ways = [
-                change
-                for way in (step, -step)
-                if lower[j] <= x[j] + way <= upper[j]
-                and (change := _change(found, j, way, blows)) is not None
-            ]
-            if not ways:
-                break
-            size = [float(np.linalg.norm(w)) for w in ways]
-            alike = -1.0 if len(ways) == 1 else 1.0
-            if len(ways) == 2:
-                alike = float(ways[0] @ ways[1]) / max(size[0] * size[1], 1e-300)
-                alike *= min(size) / max(max(size), 1e-300)
-            if alike > best:
-                best, result[:, j] = alike, np.mean(ways, axis=0)
-            if alike > _ALIKE or len(ways) == 1:
-                break
-            step *= _FINER
-        if best == -2.0:
-            result[:, j] = found.jacobian[:, j]
+        ways, lengths = [], []
+        for felt in _FELT_BY:
+            step = min(felt / norms[j], _STEP * number.scale)
+            for way in (step, -step):
+                if not lower[j] <= x[j] + way <= upper[j]:
+                    continue
+                change = _change(found, j, way, blows)
+                if change is not None:
+                    ways.append(change)
+                    lengths.append(step)
+        if ways:
+            result[:, j] = _weighted_median(np.stack(ways), np.array(lengths))
     return result
+
+
+def _weighted_median(rows: Array, weights: Array) -> Array:
+    """Median over the first axis, shape (n_rows, n), rows of weights of shape (n_rows,).
+
+    Midway between the two in the middle where the weights of either side are the same.
+    """
+    order = np.argsort(rows, axis=0)
+    ranked = np.take_along_axis(rows, order, axis=0)
+    share = np.cumsum(weights[order], axis=0) / float(np.sum(weights))
+    columns = np.arange(rows.shape[1])
+    low = np.argmax(share >= 0.5 - 1e-9, axis=0)
+    high = np.argmax(share > 0.5 + 1e-9, axis=0)
+    return np.asarray(0.5 * (ranked[low, columns] + ranked[high, columns]))
 
 
 def _change(found: Fit, j: int, step: float, blows: Sequence[int]) -> Array | None:
