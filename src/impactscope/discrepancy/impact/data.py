@@ -36,6 +36,8 @@ RETURN = 0.35  # s after which a pendulum on the horizontal bench may be back
 CAUGHT = 0.09  # s after which a pendulum on the horizontal bench may have been caught
 TAP_LEAD = 5e-3  # s before the onset of a tap that may show its beginning
 _SHORTEST_TAP = 4e-3  # s, counted out at least
+_SOFT_END = 1e-3  # s, of a tap that its threshold hides
+_SOFT_END_SAMPLES = 3.0
 _PRESUMED_TAP = 0.015  # s, counted out where the end cannot be seen
 _DOUBTFUL_TAP = 0.015  # s, from which a tap's length is looked at again
 _ONE_SWING = 0.025  # s
@@ -103,8 +105,10 @@ class CampaignData:
         return tuple(c for c in CHANNELS if any(c in b.channels for b in self.blows))
 
 
-def prepare(campaign: Campaign) -> CampaignData:
+def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> CampaignData:
     """Onset, noise and bins of every recording of an impact campaign.
+
+    ``slower``: noise of channels that is known to be slower than the quiet before the blows shows.
 
     Raises InputError where no recording holds a blow that can be used.
     """
@@ -129,10 +133,18 @@ def prepare(campaign: Campaign) -> CampaignData:
         raise InputError(f'{campaign.name}: no recording to fit holds a blow that can be used')
     noise = _noise(onsets, campaign.noise_std)
     colours = _colours(onsets, campaign.noise_std)
-    noise |= {name: colour.std for name, colour in colours.items()}
-    if colours:
+    slower = {n: c for n, c in (slower or {}).items() if n not in campaign.noise_std}
+    if slower:
         notes.append(
-            f'The noise of {", ".join(colours)} is not white before the blows: residuals are '
+            f'The noise of {", ".join(slower)} is slower than the quiet before the blows shows: '
+            'it is read from what is left while the bench is at rest.'
+        )
+    only_before = ', '.join(name for name in colours if name not in slower)
+    colours |= slower
+    noise |= {name: colour.std for name, colour in colours.items()}
+    if only_before:
+        notes.append(
+            f'The noise of {only_before} is not white before the blows: residuals are '
             'judged by what each sample tells beyond those before it.'
         )
     blows = []
@@ -322,7 +334,8 @@ def _tap_length(channels: Mapping[str, BinnedChannel], onset: float) -> float:
     if not acting.size:
         return _SHORTEST_TAP
     # the threshold hides a soft end, filters and converters lengthen it
-    length = max(1.4 * float(acting[-1]) + 1e-3, _SHORTEST_TAP)
+    beyond = max(_SOFT_END, _SOFT_END_SAMPLES / plate.sample_rate)
+    length = max(1.4 * float(acting[-1]) + beyond, _SHORTEST_TAP)
     if length > _DOUBTFUL_TAP:
         length = min(length, _left_alone(plate, since, a, v, x))
     return length

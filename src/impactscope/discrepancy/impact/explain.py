@@ -26,6 +26,7 @@ from impactscope.discrepancy.impact.follow import fit_baseline, held_out_fit, pr
 from impactscope.discrepancy.impact.outcome import Outcome
 from impactscope.discrepancy.impact.ranking import ranked, share_of_known, weaker
 from impactscope.discrepancy.impact.search import Search
+from impactscope.discrepancy.impact.slow_noise import noise_left
 from impactscope.discrepancy.locate import locate
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
@@ -46,6 +47,21 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
     thresholds = Thresholds()
     progress(0.0, 'recordings')
     data = prepare(campaign)
+    outcome = _searched(campaign, data, thresholds, progress)
+    if outcome.accepted or _unexplained(outcome, thresholds)[0]:
+        slower = noise_left(outcome.final)
+        if slower:
+            progress(0.05, 'again, with slower noise')
+            data = prepare(campaign, slower)
+            outcome = _searched(campaign, data, thresholds, progress)
+    progress(0.95, 'regions')
+    return _answer(campaign, data, outcome, thresholds)
+
+
+def _searched(
+    campaign: Campaign, data: CampaignData, thresholds: Thresholds, progress: Progress
+) -> Outcome:
+    """What the search comes to, judged by the recordings that were held out."""
     model = baseline_model(campaign, data)
     progress(0.02, 'baseline')
     baseline = fit_baseline(model)
@@ -53,8 +69,7 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
     outcome = search.run(baseline)
     progress(0.9, 'held-out recordings')
     search.check(outcome)
-    progress(0.95, 'regions')
-    return _answer(campaign, data, outcome, thresholds)
+    return outcome
 
 
 def _answer(

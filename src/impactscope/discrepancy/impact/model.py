@@ -210,13 +210,18 @@ class ImpactModel:
     # --- residuals -------------------------------------------------------------------------
 
     def layout(
-        self, blows: Sequence[int], window: float = math.inf, taps: float | None = None
+        self,
+        blows: Sequence[int],
+        window: float = math.inf,
+        taps: float | None = None,
+        later: float = 0.0,
     ) -> Layout:
         """Bins up to ``window`` s after the onset, of the given blows.
 
         Bins that tell next to nothing, because a bench does not repeat them, stay out. Taps
         count whole in all but the shortest windows, which for them begin when the hammer
-        has gone; or ``taps`` s of them, where that is given.
+        has gone; or ``taps`` s of them, where that is given. ``later``: s by which taps are taken
+        to end later than they seem to.
         """
         masks, spans, blow_spans, ends, begin = {}, {}, {}, {}, 0
         for i in blows:
@@ -229,6 +234,9 @@ class ImpactModel:
             for name, channel in blow.channels.items():
                 mask = channel.used & (channel.centres < blow.settled + length)
                 mask &= channel.std < _TELLS * channel.own_std
+                if later > 0.0 and blow.recording.kind == 'tap':
+                    since = channel.centres - blow.settled
+                    mask &= (since > later) | (channel.centres < blow.onset)
                 count = int(np.count_nonzero(mask))
                 masks[i, name] = mask
                 spans[i, name] = slice(begin, begin + count)

@@ -1,0 +1,85 @@
+"""Noise that is slower than the quiet before the blows shows: seen in what a model leaves."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.follow import fit_baseline
+from impactscope.discrepancy.impact.slow_noise import noise_left
+from impactscope.physics.twin.assembly import Effect
+
+WHITE = {'force': 0.4, 'acceleration.impactor': 0.08}
+
+
+def slow(count, rate, memory, rng):
+    """Noise of unit variance that forgets within ``memory`` s."""
+    share = np.exp(-1.0 / (memory * rate))
+    fresh = rng.standard_normal(count) * np.sqrt(1.0 - share**2)
+    fresh[0] = rng.standard_normal()
+    return signal.lfilter([1.0], [1.0, -share], fresh)
+
+
+def with_slow_noise(campaign, name, times_white, memory, seed=3):
+    """The campaign with slow noise added to a channel."""
+    rng = np.random.default_rng(seed)
+    recordings = []
+    for recording in campaign.recordings:
+        channels = dict(recording.channels)
+        if name in channels:
+            c = channels[name]
+            added = times_white * WHITE[name] * slow(c.values.size, c.sample_rate, memory, rng)
+            channels[name] = dataclasses.replace(c, values=c.values + added)
+        recordings.append(dataclasses.replace(recording, channels=channels))
+    return dataclasses.replace(campaign, recordings=tuple(recordings))
+
+
+@pytest.fixture(scope='module')
+def clean(make_campaign):
+    return make_campaign(5, duration=0.9)
+
+
+def baseline(campaign, slower=None):
+    return fit_baseline(baseline_model(campaign, prepare(campaign, slower)))
+
+
+def test_white_noise_is_not_slower_than_it_seems(clean):
+    assert noise_left(baseline(clean)) == {}
+
+
+def test_slow_noise_of_the_impactor_alone_is_seen_once_the_model_is_off(clean):
+    campaign = with_slow_noise(clean, 'acceleration.impactor', 2.0, 0.2)
+    left = noise_left(baseline(campaign))
+    assert list(left) == ['acceleration.impactor']
+    std = left['acceleration.impactor'].std / WHITE['acceleration.impactor']
+    assert 1.4 < std < 4.5
+    again = baseline(campaign, left)
+    assert 0.75 < again.reduced < 1.1
+    assert noise_left(again) == {}
+
+
+def test_a_stated_noise_stands(clean):
+    stated = dataclasses.replace(clean, noise_std=WHITE)
+    left = noise_left(baseline(with_slow_noise(clean, 'acceleration.impactor', 2.0, 0.2)))
+    data = prepare(stated, left)
+    assert all(b.channels['force'].colour is None for b in data.blows)
+    assert data.noise['acceleration.impactor'] == WHITE['acceleration.impactor']
+
+
+def test_an_effect_is_no_noise(make_campaign):
+    campaign = make_campaign(5, [Effect('quadratic_damping', {'coefficient': 60.0})], duration=0.9)
+    assert noise_left(baseline(campaign)) == {}
+
+
+@pytest.mark.parametrize(
+    'name', [pytest.param('acceleration.impactor', marks=pytest.mark.slow), 'force']
+)
+def test_slow_noise_is_no_finding(clean, name):
+    answer = explain(with_slow_noise(clean, name, 2.0, 0.2))
+    assert answer.accepted == ()
