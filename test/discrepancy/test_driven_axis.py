@@ -27,13 +27,17 @@ def course(seconds, amplitude, rng):
     return np.concatenate(made)[: int(seconds * RATE)]
 
 
-def axis(reference, friction, load=0.0):
-    """Encoder positions and commanded forces; exact sliding at small steps, friction implicit."""
+def axis(reference, friction, load=0.0, back=None, base=None):
+    """Encoder positions and commanded forces; exact sliding at small steps, friction implicit.
+
+    ``back``: force at a position that the axis is said not to have; ``base``: mass, stiffness and
+    damping of a base on which drive and guide stand.
+    """
     step = 1.0 / (RATE * FINE)
     keep = np.exp(-step * DAMPING / MASS)
     push = (1.0 - keep) / DAMPING
     x = reference[0] - load / (SPEED_GAIN * STIFF)  # where the controller holds the load
-    v = speed = 0.0
+    v = speed = sway = sway_speed = 0.0
     last = STEP * round(x / STEP)
     positions, forces = [], []
     for wanted in reference:
@@ -44,20 +48,27 @@ def axis(reference, friction, load=0.0):
         positions.append(read)
         forces.append(force)
         for _ in range(FINE):
-            free = keep * v + push * (force - load)
+            pull = force - load - (back(x) if back else 0.0)
+            if base:
+                under, stiffness, damping = base
+                beside = -(pull - DAMPING * v + stiffness * sway + damping * sway_speed) / under
+                pull -= MASS * beside
+                sway_speed += step * beside
+                sway += step * sway_speed
+            free = keep * v + push * pull
             new = np.sign(free) * max(abs(free) - push * friction, 0.0)
             x += 0.5 * step * (v + new)
             v = new
     return np.array(positions), np.array(forces)
 
 
-def closed_loop(seed, friction=0.0, sensor=None, load=0.0, late=0, hum=0.0):
+def closed_loop(seed, friction=0.0, sensor=None, load=0.0, late=0, hum=0.0, back=None, base=None):
     rng = np.random.default_rng(seed)
     channels, entries = {}, []
     for i in range(3):
         file = f'r{i}.mcap'
         reference = course(4.0, 0.05, rng)
-        positions, forces = axis(reference, friction, load)
+        positions, forces = axis(reference, friction, load, back, base)
         positions = np.concatenate([np.full(late, positions[0]), positions])[: positions.size]
         time = np.arange(forces.size) / RATE
         forces = forces + hum * np.sin(2.0 * np.pi * 50.05 * time + rng.uniform(0.0, 6.0))
@@ -113,6 +124,43 @@ def test_an_encoder_that_comes_late():
     answer = explain_driven(closed_loop(6, late=3))
     assert answer.accepted == ('clock_error',)
     assert answer.findings[0].parameters['offset'].value == pytest.approx(3.0 / RATE, rel=0.01)
+
+
+def test_a_spring_that_the_axis_is_said_not_to_have():
+    answer = explain_driven(closed_loop(11, back=lambda x: 40.0 * x))
+    assert answer.accepted == ('restoring_force',)
+    assert answer.findings[0].subsystem == 'impactor'
+    stiffness = answer.findings[0].parameters['stiffness']
+    assert abs(stiffness.value - 40.0) < 4.0 * stiffness.std
+    assert stiffness.std < 4.0
+
+
+def test_a_spring_that_grows_with_the_cube():
+    answer = explain_driven(closed_loop(12, back=lambda x: 4e5 * x**3))
+    assert answer.accepted == ('hardening_spring',)
+    cubic = answer.findings[0].parameters['cubic']
+    assert abs(cubic.value - 4e5) < 4.0 * cubic.std
+
+
+def test_a_stop_on_each_side():
+    answer = explain_driven(
+        closed_loop(13, back=lambda x: 3e3 * np.sign(x) * max(abs(x) - 0.02, 0.0))
+    )
+    assert answer.accepted == ('end_stop',)
+    travel = answer.findings[0].parameters['travel']
+    assert travel.value == pytest.approx(0.02, abs=4.0 * travel.std)
+
+
+def test_a_base_that_the_drive_pushes_back():
+    """The encoder reads the axis against the base, which rings at 9 Hz."""
+    under = 400.0
+    stiffness = under * (2.0 * np.pi * 9.0) ** 2
+    base = under, stiffness, 2.0 * 0.02 * np.sqrt(under * stiffness)
+    answer = explain_driven(closed_loop(14, base=base))
+    assert answer.accepted == ('base_compliance',)
+    told = answer.findings[0].parameters
+    assert told['frequency'].value == pytest.approx(9.0, rel=0.01)
+    assert told['mass'].value == pytest.approx(under, rel=0.1)
 
 
 def test_hum_of_the_recorded_force():

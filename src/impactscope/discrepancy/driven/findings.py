@@ -70,8 +70,10 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
         share = {n: p * (1.0 - s.verdict.probability) for n, p in share.items()}
     for term in new:
         rivals = _confused(s, term.name, best, fits, weight)
-        rivals = tuple(dict.fromkeys((*rivals, *_same_law(s, term))))
-        found.append(_finding(s, term, s.outcome.best, share[term.name], rivals))
+        words = _same_law(s, term)
+        rivals = tuple(dict.fromkeys((*rivals, *words)))
+        likely = share[term.name] + _in_other_words(term.name, words, fits, weight)
+        found.append(_finding(s, term, s.outcome.best, likely, rivals))
     others = sorted((n for n in share if n not in best), key=lambda n: -share[n])
     for name in others[:8]:
         term, made, _ = source[name]
@@ -124,6 +126,18 @@ def _same_law(s: Subject, term: Term) -> tuple[str, ...]:
     if term.label == 'offset' and s.model.drifts:
         found = (*found, 'gravity_load')
     return found
+
+
+def _in_other_words(
+    name: str, words: Sequence[str], fits: Sequence[Fit], weight: Sequence[float]
+) -> float:
+    """Probability of models that have an effect under the other words for its law."""
+    even = {'coulomb_friction', 'offset'}
+    wanted = even if even <= set(words) else {'asymmetric_friction'} & set(words)
+    if not wanted:
+        return 0.0
+    named = [{t.name for t in f.terms} for f in fits]
+    return sum(p for n, p in zip(named, weight, strict=True) if name not in n and wanted <= n)
 
 
 def _open(s: Subject, made: Fit) -> bool:

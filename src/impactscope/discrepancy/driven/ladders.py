@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from impactscope.discrepancy.driven.channel_effects import channel_terms
-from impactscope.discrepancy.driven.mechanics import Sizes, mechanical_terms
+from impactscope.discrepancy.driven.mechanics import Sizes, mechanical_terms, springs_of_axis
 from impactscope.discrepancy.driven.terms import Number, Term
 
 __all__ = ['FRICTION', 'exact_terms']
@@ -112,6 +112,9 @@ def exact_terms(
     if kind == 'axis':
         push = known['offset']
         found.append(_with(push, ['value'], value=_ladder(load, 1e-4, 1e-2, 2)))
+        if not joint:
+            found += _springs_of_axis(springs_of_axis(sizes), x, load)
+        found.append(_base(mass, _ladder(1.0, 1.0, 0.3 * rate, 40), rate, reacts=True))
         return (*found, *chain)
     if angle:
         found.append(known['restoring_force'])
@@ -120,23 +123,7 @@ def exact_terms(
         _with(known['softening_spring'], ['cubic'], cubic=_ladder(-load / x**3, 1e-4, 1e-2, 2)),
         _with(known['clearance'], ['gap'], gap=_ladder(x, 1e-5, 0.1, 6)),
     ]
-    stop = known['end_stop']
-    travels = tuple(x * s for s in (0.97, 0.9, 0.8, 0.65, 0.5, 0.35))
-    stop = _with(stop, ['stiffness'], travel=travels, stiffness=(0.03 * stiffness, stiffness))
-    least = tuple(
-        dataclasses.replace(n, lower=0.1 * x, upper=x, scale=0.05 * x) if n.name == 'travel' else n
-        for n in stop.numbers
-    )
-    found.append(
-        dataclasses.replace(
-            stop,
-            numbers=least,
-            variant='one-way',
-            fixed={'end_stop.one_way': 1.0},
-            equation='k_s (x - d) beyond d',
-        )
-    )
-    found.append(dataclasses.replace(stop, numbers=least))
+    found += _stops(known['end_stop'], x, stiffness)
     slips = _ladder(x, 0.01, 2.0, 8)
     found.append(
         dataclasses.replace(
@@ -155,29 +142,59 @@ def exact_terms(
     if kind == 'free':
         return (*found, *chain)
     natural = float(np.sqrt(stiffness / mass)) / (2.0 * np.pi)
-    found.append(
-        Term(
-            'base_compliance',
-            'fixture',
-            'The fixture gives way: the plate stands on a mass on a spring.',
-            "M b'' + c_b b' + k_b b = force of the plate's suspension",
-            'Zimmermann et al., IJERPH 19, 13657 (2022)',
-            "the base's accelerometer",
-            (
-                Number(
-                    'frequency',
-                    'Hz',
-                    _ladder(natural, 0.3, 25.0, 40),
-                    0.1 * natural,
-                    0.02 * natural,
-                    0.3 * rate,
-                ),
-                Number('mass', 'kg', (1e5 * mass,), mass, 0.02 * mass, 1e7 * mass),
-                # a fixture of metal or stone rings; what creeps is something else
-                Number('damping_ratio', '1', (0.05,), 0.01, 0.0, 0.3),
-            ),
-            excludes=FRICTION,
-            amounts=('/mass',),
-        )
-    )
+    found.append(_base(mass, _ladder(natural, 0.3, 25.0, 40), rate))
     return (*found, *chain)
+
+
+def _stops(stop: Term, x: float, stiffness: float) -> list[Term]:
+    """A stop on one side, and one on each."""
+    travels = tuple(x * s for s in (0.97, 0.9, 0.8, 0.65, 0.5, 0.35))
+    stop = _with(stop, ['stiffness'], travel=travels, stiffness=(0.03 * stiffness, stiffness))
+    least = tuple(
+        dataclasses.replace(n, lower=0.1 * x, upper=x, scale=0.05 * x) if n.name == 'travel' else n
+        for n in stop.numbers
+    )
+    one_way = dataclasses.replace(
+        stop,
+        numbers=least,
+        variant='one-way',
+        fixed={'end_stop.one_way': 1.0},
+        equation='k_s (x - d) beyond d',
+    )
+    return [one_way, dataclasses.replace(stop, numbers=least)]
+
+
+def _springs_of_axis(known: Sequence[Term], x: float, load: float) -> list[Term]:
+    """Springs and stops of an axis that is said to move freely."""
+    spring, cubic, stop = known
+    return [
+        _with(spring, ['stiffness'], stiffness=_ladder(load / x, 1e-5, 1e-2, 2)),
+        _with(cubic, ['cubic'], cubic=_ladder(load / x**3, 1e-5, 1e-2, 2)),
+        *_stops(stop, x, load / x),
+    ]
+
+
+def _base(
+    mass: float, frequencies: tuple[float, ...], rate: float, *, reacts: bool = False
+) -> Term:
+    """A fixture that gives way under the suspension of a mass, or under what drives it."""
+    what, under = ('axis', 'drive') if reacts else ('plate', "plate's suspension")
+    first = frequencies[0]
+    return Term(
+        'base_compliance',
+        'fixture',
+        f'The fixture gives way: the {what} stands on a mass on a spring.',
+        f"M b'' + c_b b' + k_b b = force of the {under}",
+        'Zimmermann et al., IJERPH 19, 13657 (2022)',
+        "the base's accelerometer",
+        (
+            Number('frequency', 'Hz', frequencies, first / 3.0, first / 15.0, 0.3 * rate),
+            Number('mass', 'kg', (1e5 * mass,), mass, 0.02 * mass, 1e7 * mass),
+            # a fixture of metal or stone rings; what creeps is something else
+            Number('damping_ratio', '1', (0.05,), 0.01, 0.0, 0.3),
+        ),
+        variant='drive' if reacts else '',
+        excludes=FRICTION,
+        fixed={'base_compliance.reacts': 1.0} if reacts else None,
+        amounts=('/mass',),
+    )

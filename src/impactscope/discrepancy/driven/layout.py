@@ -47,4 +47,5 @@ BASE_RATIO: Final = 27
 SINE_ZERO: Final = 28  # rad: R acts on sin(x - x0)
 WEIGHT_SINE: Final = 29  # beside R: s sin(x) + c cos(x), the weight of a link on its joint
 WEIGHT_COSINE: Final = 30
-SIZE: Final = 31
+BASE_REACTS: Final = 31  # 1: the force acts between the base and the mass, as a drive's does
+SIZE: Final = 32

@@ -73,7 +73,9 @@ class Look:
 
 def _on_soft_base(plate: Mapping[str, float], mass: float, frequency: float) -> dict[str, float]:
     """The plate's stiffness that keeps its natural frequency on a base that gives way."""
-    load = plate['stiffness']  # mass of the plate times its natural frequency squared
+    load = plate.get('stiffness', 0.0)  # mass of the plate times its natural frequency squared
+    if load == 0.0:
+        return {}
     natural = load / plate['mass']
     base = mass * ((2.0 * math.pi * frequency) ** 2 - natural)
     stiffer = load * base / (base - load) if base != load else load

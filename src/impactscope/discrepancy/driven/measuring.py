@@ -22,6 +22,7 @@ __all__ = [
     'before_sampling',
     'between_samples',
     'delayed',
+    'fading',
     'filter_of',
     'passed_on',
     'power_passed',
@@ -203,13 +204,13 @@ def _running(corner: float, rate: float, rest: Array) -> Array:
     """What a coupling still holds of the time before a recording, as the rest has it, (n,)."""
     if not 0.0 < corner < 0.5 * rate:
         return np.zeros(rest.size)
-    fading = _fading(corner, rate, rest.size)
-    return np.asarray(float(fading @ rest) / float(fading @ fading) * fading)
+    held = fading(corner, rate, rest.size)
+    return np.asarray(float(held @ rest) / float(held @ held) * held)
 
 
 @functools.lru_cache(maxsize=32)
-def _fading(corner: float, rate: float, count: int) -> Array:
-    """How a coupling forgets, shape (count,), from one."""
+def fading(corner: float, rate: float, count: int) -> Array:
+    """How a coupling of a corner (Hz) above zero forgets, shape (count,), from one."""
     keep = -signal.butter(1, corner, btype='high', fs=rate)[1][1]
     most = min(count, 1 + int(-FORGOTTEN / math.log(keep))) if 0.0 < keep < 1.0 else 1
     return np.asarray(np.concatenate([keep ** np.arange(most), np.zeros(count - most)]))

@@ -7,6 +7,7 @@ is new: ``asymmetric_damping``, ``asymmetric_spring``. Numbers are written into 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.driven import layout as at
 from impactscope.discrepancy.driven.terms import Number, Term, key
 
-__all__ = ['SLOTS', 'Sizes', 'enter', 'mechanical_terms']
+__all__ = ['SLOTS', 'Sizes', 'enter', 'mechanical_terms', 'springs_of_axis']
 
 Array = NDArray[np.float64]
 
@@ -48,6 +49,8 @@ SLOTS: Mapping[str, tuple[int, ...]] = {
     'base_compliance.mass': (at.BASE_MASS,),
     'base_compliance.frequency': (at.BASE_FREQUENCY,),
     'base_compliance.damping_ratio': (at.BASE_RATIO,),
+    'base_compliance.reacts': (at.BASE_REACTS,),
+    'restoring_force.stiffness': (at.STIFFNESS,),
     'restoring_force.hangs': (at.SINE,),
     'restoring_force.rest_angle': (at.SINE_ZERO,),
     'restoring_force.sine': (at.WEIGHT_SINE,),
@@ -249,6 +252,30 @@ def _spring_terms(s: Sizes) -> list[Term]:
     ]
 
 
+def springs_of_axis(s: Sizes) -> list[Term]:
+    """What may bring an axis back that is said to move freely: a spring, its cube, a stop."""
+    known = {t.name: t for t in _spring_terms(s)}
+    return [
+        _term(
+            'restoring_force',
+            'impactor',
+            'A spring brings the axis back: a cable, a hose or a bellows.',
+            'k x beside the other forces',
+            'Hooke (1678)',
+            'a hold at each end of the travel: the force that it takes',
+            Number(
+                'stiffness',
+                f'{s.force_unit}/{s.position_unit}',
+                (0.1 * s.stiffness, 0.01 * s.stiffness),
+                0.1 * s.stiffness,
+                0.0,
+            ),
+        ),
+        dataclasses.replace(known['hardening_spring'], excludes=frozenset()),
+        known['end_stop'],
+    ]
+
+
 def _hysteresis(s: Sizes, leaning: bool) -> Term:
     f, x = s.force_unit, s.position_unit
     rate = 2.0 / s.position
@@ -332,6 +359,7 @@ def mechanical_terms(
     angle: bool,
     offset_channel: str = '',
     joint: bool = False,
+    axis: bool = False,
 ) -> tuple[Term, ...]:
     """Candidates for an oscillator.
 
@@ -342,12 +370,15 @@ def mechanical_terms(
         angle: whether the position is an angle, so that a pendulum's sine may act.
         offset_channel: channel whose zero may be off.
         joint: whether a weight may act beside a spring, hanging at any angle.
+        axis: whether springs and stops are looked for that the baseline has none of.
     """
     terms = [*_friction_terms(sizes), *_damping_terms(sizes)]
     if spring:
         terms += _spring_terms(sizes)
         if driven:
             terms += [_hysteresis(sizes, leaning=False), _hysteresis(sizes, leaning=True)]
+    if axis:
+        terms += springs_of_axis(sizes)
     if angle:
         terms += _weights(sizes, spring=spring, joint=joint or not spring)
     step = 0.02 * sizes.force

@@ -74,6 +74,7 @@ def linear_oscillator(
         spring=spring,
         driven=not free,
         angle=angle,
+        axis=not spring and not free and not angle,
         offset_channel=cuts[0].channel if free else cuts[0].drive_channel,
     )
     terms = tuple(_shared(t) if t.name == 'hysteresis' else t for t in terms)

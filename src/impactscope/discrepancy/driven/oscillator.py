@@ -17,6 +17,7 @@ from impactscope.discrepancy.driven.compiled import compiled, law
 from impactscope.discrepancy.driven.layout import (
     BASE_DAMPING,
     BASE_MASS,
+    BASE_REACTS,
     BASE_STIFFNESS,
     CUBIC,
     DAMPING,
@@ -148,7 +149,7 @@ def _step(
 
 @law
 def _base_rate(p: Array, pull: float, xb: float, vb: float) -> float:
-    """Acceleration of a base that the mass's suspension pulls with ``pull``."""
+    """Acceleration of a base that the mass's suspension, or its drive, pulls with ``pull``."""
     return float((pull - p[BASE_DAMPING] * vb - p[BASE_STIFFNESS] * xb) / p[BASE_MASS])
 
 
@@ -158,7 +159,8 @@ def _soft_rates(
 ) -> tuple[float, float, float]:
     """Rates of the relative speed, the base's speed and the yielding element."""
     force = _load(p, u, x, v, h)
-    base = _base_rate(p, u + p[INPUT_OFFSET] - force, xb, vb)
+    pull = -force if p[BASE_REACTS] > 0.5 else u + p[INPUT_OFFSET] - force
+    base = _base_rate(p, pull, xb, vb)
     yields = yielding_rate(p, v, h) if p[HYSTERESIS_STIFFNESS] != 0.0 else 0.0
     return force / p[MASS] - base, base, yields
 

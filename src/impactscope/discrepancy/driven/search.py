@@ -185,6 +185,13 @@ class _Fits:
             self.known[names] = best
         return self.known[names]
 
+    def again(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> None:
+        """Fit these terms from other values, too, which may be the better place."""
+        names, values = _labels(terms), {**base.values, **initial}
+        made = fit(self.model, terms, self.segments, values, base.starts)
+        if names not in self.known or made.cost < self.known[names].cost:
+            self.known[names] = made
+
 
 def search(
     model: Model,
@@ -261,6 +268,7 @@ def _chosen(fits: _Fits, judge: Judge) -> Fit:
     kept = [f for f in fits.known.values() if sound(f) == f.terms or f is baseline]
     best = _plainest(kept, judge, baseline)
     best = prune(best, baseline, judge, lambda fitted, rest: fits.make(fitted, rest, {}))
+    best = _in_plain_words(best, kept, judge, baseline)
     if best is not baseline and (sound(best) != best.terms or not judge.better(baseline, best)):
         return baseline
     return best
@@ -298,7 +306,7 @@ def _evened(fits: _Fits, best: Fit) -> bool:
     fits.make(best, (*rest, even), initial)
     if load.stands_with(even) and all(load.stands_with(t) for t in rest):
         initial[key(load, load.numbers[0])] = 0.5 * (forces[-1] - forces[0])
-        fits.make(best, (*rest, even, load), initial)
+        fits.again(best, (*rest, even, load), initial)
     return True
 
 
@@ -309,17 +317,21 @@ def _only_noise(made: Fit, segments: Sequence[Segment]) -> bool:
 
 
 def _plainest(fits: Sequence[Fit], judge: Judge, baseline: Fit) -> Fit:
-    """The best fit; of several that say the same, the one with the fewest lopsided laws.
+    """The best fit, in plain words."""
+    best = min(fits, key=lambda f: judge.criterion(f, baseline))
+    return _in_plain_words(best, fits, judge, baseline)
+
+
+def _in_plain_words(best: Fit, fits: Sequence[Fit], judge: Judge, baseline: Fit) -> Fit:
+    """Of the fits that say the same as one, that with the fewest lopsided laws.
 
     Friction that differs by direction and friction beside a constant force are one law in two
     words: what rounding prefers must not name the finding.
     """
-    criteria = {id(f): judge.criterion(f, baseline) for f in fits}
-    best = min(fits, key=lambda f: criteria[id(f)])
-    alike = [
-        f for f in fits if f.added == best.added and criteria[id(f)] < criteria[id(best)] + TIE
-    ]
-    return min(alike, key=lambda f: (_lopsided(f), criteria[id(f)]))
+    most = judge.criterion(best, baseline) + TIE
+    rows = [(_lopsided(f), judge.criterion(f, baseline), i) for i, f in enumerate(fits)]
+    alike = [r for r, f in zip(rows, fits, strict=True) if f.added == best.added and r[1] < most]
+    return fits[min(alike)[2]] if alike else best
 
 
 def _lopsided(made: Fit) -> int:

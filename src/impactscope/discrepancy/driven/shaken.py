@@ -316,6 +316,8 @@ def _terms(
         found += [t for t in terms if t.output or channel == channels[0]]
     if linear.drifts:  # its motion is far below any filter: the delay is all that shows
         found = [t for t in found if t.name != 'low_pass_filter' or _plain_filter(t)]
+        # and what a coupling holds of the time before is where the recording begins
+        found = [t for t in found if t.name != 'ac_coupling' or not t.own]
     if linear.drifts and all(s.derivative == 0 for s in segments):
         able = {'mass', 'damping', 'offset', 'clearance'}  # what the two masses have beside it
         others = frozenset(t.name for t in found if not t.output) - able

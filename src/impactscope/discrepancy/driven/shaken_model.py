@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.discrepancy.driven.measuring import fading
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment
 from impactscope.discrepancy.driven.play import PLAY, follow, run_with_play
 from impactscope.discrepancy.driven.terms import Number, Term, key
@@ -28,7 +29,15 @@ class ShakenModel(OscillatorModel):
     ) -> Array:
         """Predicted channel, shape (n,); what acts in another channel plays no part."""
         mine = tuple(t for t in terms if not t.output or t.channel == segment.channel)
-        return super().predict(values, mine, start, segment)
+        made = super().predict(values, mine, start, segment)
+        coupled = next((t for t in mine if t.name == 'ac_coupling' and not t.own), None)
+        if coupled is not None and self.drifts and start.size:
+            # Where an axis stands plays no part behind a coupling that has long forgotten it: it
+            # begins where the channel does, and the coupling forgets that.
+            corner = values[key(coupled, coupled.numbers[0])]
+            if 0.0 < corner < 0.5 / segment.period:
+                made += start[0] * fading(corner, 1.0 / segment.period, made.size)
+        return made
 
     def _run(
         self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment

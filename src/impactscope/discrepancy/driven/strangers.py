@@ -45,6 +45,7 @@ class Stranger:
     gain: float
     numbers: int
     column: Array | None = None  # whitened change on the fitted recordings, shape (n,)
+    plain: float | None = None  # the same chi-square without regard to what is left about it
 
     @property
     def p_value(self) -> float:
@@ -104,10 +105,11 @@ def strangers(
             continue
         gain, rank, column = _gain(here, stack / size[:, None])
         if rank > 0:
+            plain = gain
             if Stranger(law, gain, rank).p_value < FALSE:
                 gain = _worth(here.residual, column, sizes)
             best = all(equivalent_gain(gain, rank) > f.worth for f in found)
-            found.append(Stranger(law, gain, rank, column if best else None))
+            found.append(Stranger(law, gain, rank, column if best else None, plain))
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     whitened = [innovations(segments[i], made.residuals[i]) for i in fitted]
     # an axis at rest hunts between two readings of a coarse encoder: a line of its own rounding
@@ -159,7 +161,7 @@ def verdict(
     model: Model,
     baseline: Fit,
     best: Fit,
-    gain: float,
+    gain: tuple[float, float],
     segments: Sequence[Segment],
     settled: Callable[[Fit], tuple[Fit, Sequence[Segment]]] | None = None,
 ) -> Verdict:
@@ -170,7 +172,8 @@ def verdict(
         model: that was searched.
         baseline: its fit.
         best: the fit that the search chose; may be the baseline.
-        gain: fall of chi-square from one to the other on the fitted recordings.
+        gain: fall of chi-square from one to the other on the fitted recordings, over the
+            dispersion that is left and as it is.
         segments: of all recordings.
         settled: gives a fit as it looks with an input as well known as may be.
     """
@@ -184,8 +187,13 @@ def verdict(
         left = alone.p_value < FALSE
         return Verdict(left, left, alone, 1.0 - alone.p_value if left else 0.0)
     beside = sought(best)
-    ahead = alone.worth - equivalent_gain(gain, best.added - baseline.added) - MARGIN
-    needed = beside.p_value < BESIDE and beside.gain > slight(best) * gain
+    added = best.added - baseline.added
+    # dispersions are known to some tens of per cent: a law must be ahead with them and without
+    plain = alone.gain if alone.plain is None else alone.plain
+    ahead = alone.worth - equivalent_gain(gain[0], added)
+    ahead = min(ahead, equivalent_gain(plain, alone.numbers) - equivalent_gain(gain[1], added))
+    ahead -= MARGIN
+    needed = beside.p_value < BESIDE and beside.gain > slight(best) * gain[0]
     clearly = ahead > MARGIN or (ahead > 0.0 and beside.worth > MARGIN)
     same = alone.law.partition(' at ')[0] == beside.law.partition(' at ')[0]
     instead = clearly or (needed and same and ahead > -MARGIN)

@@ -188,7 +188,8 @@ def _exact(
         seed,
     )
     tell(0.9 * share, 'looking for what the library lacks')
-    gain = case.judge.worth(baseline, outcome.best).fitted
+    judge, best = case.judge, outcome.best
+    gain = judge.worth(baseline, best).fitted, judge.gain(baseline, best).fitted
     said = verdict(
         case.laws, case.model, baseline, outcome.best, gain, case.segments, case.settled
     )
