@@ -18,6 +18,7 @@ from impactscope.discrepancy.answer import (
 from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.evidence import Thresholds
 from impactscope.discrepancy.impact.adequacy import TESTED, Adequacy, adequacy, law_instead
+from impactscope.discrepancy.impact.another_cut import with_later_cuts
 from impactscope.discrepancy.impact.baseline import baseline_model
 from impactscope.discrepancy.impact.data import CampaignData, prepare
 from impactscope.discrepancy.impact.estimates import fitted_numbers, saved_model
@@ -64,7 +65,7 @@ def _searched(
     """What the search comes to, judged by the recordings that were held out."""
     model = baseline_model(campaign, data)
     progress(0.02, 'baseline')
-    baseline = fit_baseline(model)
+    baseline = with_later_cuts(fit_baseline(model))
     search = Search(campaign.baseline_names, thresholds, progress)
     outcome = search.run(baseline)
     progress(0.9, 'held-out recordings')

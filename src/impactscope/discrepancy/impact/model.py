@@ -135,6 +135,7 @@ class Layout:
     blow_spans: Mapping[int, slice]
     ends: Mapping[int, float]  # s, of the last bin of each blow
     size: int
+    window: float = math.inf  # s after the onset
 
     @property
     def samples(self) -> int:
@@ -210,18 +211,13 @@ class ImpactModel:
     # --- residuals -------------------------------------------------------------------------
 
     def layout(
-        self,
-        blows: Sequence[int],
-        window: float = math.inf,
-        taps: float | None = None,
-        later: float = 0.0,
+        self, blows: Sequence[int], window: float = math.inf, taps: float | None = None
     ) -> Layout:
         """Bins up to ``window`` s after the onset, of the given blows.
 
         Bins that tell next to nothing, because a bench does not repeat them, stay out. Taps
         count whole in all but the shortest windows, which for them begin when the hammer
-        has gone; or ``taps`` s of them, where that is given. ``later``: s by which taps are taken
-        to end later than they seem to.
+        has gone; or ``taps`` s of them, where that is given.
         """
         masks, spans, blow_spans, ends, begin = {}, {}, {}, {}, 0
         for i in blows:
@@ -234,9 +230,6 @@ class ImpactModel:
             for name, channel in blow.channels.items():
                 mask = channel.used & (channel.centres < blow.settled + length)
                 mask &= channel.std < _TELLS * channel.own_std
-                if later > 0.0 and blow.recording.kind == 'tap':
-                    since = channel.centres - blow.settled
-                    mask &= (since > later) | (channel.centres < blow.onset)
                 count = int(np.count_nonzero(mask))
                 masks[i, name] = mask
                 spans[i, name] = slice(begin, begin + count)
@@ -244,7 +237,7 @@ class ImpactModel:
                 if count:
                     ends[i] = max(ends[i], float(channel.centres[mask][-1]))
             blow_spans[i] = slice(first, begin)
-        return Layout(tuple(blows), masks, spans, blow_spans, ends, begin)
+        return Layout(tuple(blows), masks, spans, blow_spans, ends, begin, window)
 
     def residuals(self, x: Array, layout: Layout) -> Array:
         """Measured minus simulated over the noise, then the priors; shape (size + n_free,)."""

@@ -21,7 +21,6 @@ from impactscope.discrepancy.evidence import (
     information,
 )
 from impactscope.discrepancy.impact.adequacy import adequacy
-from impactscope.discrepancy.impact.another_cut import drop_what_a_tap_ends_with
 from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit, settled
@@ -125,7 +124,6 @@ class Search:
         current = self._simpler(current, outcome)
         doubted = outcome.final = self._doubted(current, outcome)
         prune(outcome, self.thresholds, self.windows[1], self.progress)
-        drop_what_a_tap_ends_with(outcome, self.thresholds)
         if outcome.final is not doubted:
             outcome.tests = None
         if outcome.accepted:
