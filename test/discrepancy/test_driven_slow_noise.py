@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import linalg, signal
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.slow_noise import _by_levels
+from impactscope.discrepancy.driven.colour import Colour, forgetting
+from impactscope.discrepancy.driven.slow_noise import colour_of_recordings, like_noise
 
 RATE, SAMPLES = 2000.0, 3000
 
@@ -60,19 +61,92 @@ def test_an_effect_is_found_beside_slow_noise():
     assert answer.accepted == ('saturation',)
 
 
-def test_levels_that_agree_show_no_slow_noise():
+def walk(rng, size):
+    """A random walk whose steps are as large as white noise besides."""
+    return rng.standard_normal(size) + np.cumsum(rng.standard_normal(size))
+
+
+def forgetful(keep):
+    """Noise that keeps a share of itself from one sample to the next, and nothing besides."""
+
+    def made(rng, size):
+        fresh = rng.standard_normal(size + 5000) * np.sqrt(1.0 - keep**2)
+        return signal.lfilter([1.0], [1.0, -keep], fresh)[5000:]
+
+    return made
+
+
+def one_over_f(rng, size):
+    """White noise and as much of one over f."""
+    frequency = np.fft.rfftfreq(16 * size)
+    frequency[0] = frequency[1]
+    long = np.fft.irfft(np.fft.rfft(rng.standard_normal(16 * size)) / np.sqrt(frequency))
+    return rng.standard_normal(size) + 0.5 * long[:size]
+
+
+@pytest.mark.parametrize('make', [walk, one_over_f, forgetful(0.5), forgetful(0.999)])
+def test_noise_of_any_colour_becomes_white(make):
+    """In a recording that was not looked at, at every frequency and for its level and slope."""
+    rng = np.random.default_rng(7)
+    size, power, slow = 2000, [], []
+    shapes = [np.ones(size), np.linspace(-1.0, 1.0, size)]
+    shapes += [np.cos(np.pi * k * np.arange(size) / size) for k in (1, 3, 10)]
+    for _ in range(12):
+        colour = colour_of_recordings([make(rng, size) for _ in range(6)])
+        whiten = forgetting(colour, size)
+        fresh = whiten(make(rng, size))
+        power.append(np.mean(fresh**2))
+        for shape in shapes:
+            seen = whiten(shape)
+            slow.append((seen @ fresh) ** 2 / (seen @ seen))
+    assert np.mean(power) == pytest.approx(1.0, abs=0.05)
+    assert np.mean(slow) < 2.0
+    assert like_noise([whiten(make(rng, size)) for _ in range(6)])
+
+
+def test_white_noise_has_no_colour():
     rng = np.random.default_rng(5)
     white = [rng.standard_normal(1000) for _ in range(5)]
-    assert _by_levels(white) is None
-    assert _by_levels([1.0 + r for r in white]) is None  # a level that all share
+    assert colour_of_recordings(white) is None
+    ramp = np.linspace(0.0, 3.0, 1000)
+    assert colour_of_recordings([1.0 + ramp + r for r in white]) is None  # which all share
 
 
-def test_levels_that_differ_do():
+def test_levels_that_differ_show_slow_noise():
     rng = np.random.default_rng(6)
-    levels = 0.3 * np.array([-1.2, -0.8, 0.4, 1.6, -1.0, 0.2, 1.3, -0.5])
+    levels = 0.4 * np.array([-1.2, -0.8, 0.4, 1.6, -1.0, 0.2, 1.3, -0.5])
     apart = [rng.standard_normal(1000) + level for level in levels]
-    colour = _by_levels(apart)
+    colour = colour_of_recordings(apart)
     assert colour is not None
-    ((level, corner),) = colour.parts
-    assert corner == 0.0
-    assert 0.2 < np.sqrt(1.5 * level) < 0.6
+    assert colour.white == pytest.approx(1.0, abs=0.05)
+    assert all(variance < 0.05 for variance, corner in colour.parts if corner > 0.01)
+    whiten = forgetting(colour, 1000)
+    steady = whiten(np.ones(1000))
+    told = [(steady @ whiten(r)) ** 2 / (steady @ steady) for r in apart]
+    assert np.mean(told) < 1.5  # 90 without
+
+
+def test_whitening_is_that_of_the_covariance():
+    """Sum of squares and determinant are those of generalised least squares."""
+    colour, size = Colour(0.3, ((2.0, 0.004), (1.0, 0.2))), 200
+    lags = np.arange(size)
+    column = sum(v * np.exp(-np.pi * c * lags) for v, c in colour.parts)
+    covariance = linalg.toeplitz(column) + 0.3 * np.eye(size)
+    noise = np.random.default_rng(8).standard_normal(size)
+    whiten = forgetting(colour, size)
+    white = whiten(noise)
+    assert white @ white == pytest.approx(noise @ np.linalg.solve(covariance, noise))
+    assert whiten.logarithm(size) == pytest.approx(np.linalg.slogdet(covariance)[1])
+
+
+def test_a_motion_is_not_like_noise():
+    rng = np.random.default_rng(9)
+    time = np.arange(2000) / 1000.0
+    left = [
+        rng.standard_normal(2000) + 3.0 * np.exp(-3.0 * time) * np.sin(40.0 * time + phase)
+        for phase in range(5)
+    ]
+    colour = colour_of_recordings(left)
+    assert colour is not None
+    whiten = forgetting(colour, 2000)
+    assert not like_noise([whiten(r) for r in left])

@@ -21,6 +21,7 @@ from scipy import ndimage
 from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 
 from impactscope.discrepancy.driven.breaks import Break, breaks_of, needed, noise_beside
+from impactscope.discrepancy.driven.colour import Colour, fitted_colour
 
 __all__ = ['Course', 'course_of', 'passed_by_spline']
 
@@ -37,6 +38,9 @@ QUIET = 0.5  # of half the rate, beyond which the noise is looked for
 CLOSER = 1.5  # ratio of the spaces between knots that are tried
 NOISE = 1.02  # ratio of what a spline leaves to the noise, from which it is right
 LEFT = 1.5  # the same in power, about one place
+ROUNDS = 2  # of telling motion and noise of a colour apart
+BEYOND, PARTS, FEWEST = 1.2, 24, 6  # times the highest line of the motion; parts of the rest
+UNLIKE = 4.0  # deviance of the middle one, from which that is no noise
 BEND = 2.5  # over the space between knots: how fast an error changes
 
 
@@ -48,6 +52,7 @@ class Course:
     noise: float  # standard deviation of a sample of the measured motion
     band: float  # Hz, up to which that noise is left in the course
     ends: Array  # by how much the variance of the same is larger near ends and breaks, (3, n)
+    colour: Colour | None = None  # of that noise, over the variance of a sample; None: white
 
 
 def course_of(samples: Array, period: float, order: int) -> Course:
@@ -55,7 +60,7 @@ def course_of(samples: Array, period: float, order: int) -> Course:
     time = period * np.arange(samples.size, dtype=np.float64)
     beside = noise_beside(samples)
     breaks = breaks_of(samples, beside)
-    top, noise = _band(samples, period)
+    top, noise, colour = _band(samples, period)
     spacing = max(1.0 / (KNOTS * top), 0.0)
     if spacing < CLOSEST * period:
         if breaks:
@@ -73,7 +78,7 @@ def course_of(samples: Array, period: float, order: int) -> Course:
         band = 0.5 * count / time[-1]
         shape = _end(time[-1] / count, period, order)
         ends = noise**2 * _about(shape, [0.0, samples.size - 1.0], samples.size)
-    return Course(_derived(spline, time, order), noise, band, ends)
+    return Course(_derived(spline, time, order), noise, band, ends, colour)
 
 
 def passed_by_spline(cycles: NDArray[np.floating]) -> Array:
@@ -184,14 +189,47 @@ def _about(shape: Array, edges: Sequence[float], n: int) -> Array:
     return found
 
 
-def _band(samples: Array, period: float) -> tuple[float, float]:
-    """Highest frequency at which there is motion, Hz, and the noise of a sample."""
+def _band(samples: Array, period: float) -> tuple[float, float, Colour | None]:
+    """Highest frequency at which there is motion, Hz, the noise of a sample and its colour."""
     n = samples.size
     window = np.blackman(n)  # its far side lobes are lowest
     line = np.linspace(samples[0], samples[-1], n)
     power = np.abs(np.fft.rfft((samples - line) * window)) ** 2 / float(np.sum(window**2))
     level = float(np.median(power[int(QUIET * power.size) :])) / np.log(2.0)
     mean = np.convolve(power, np.full(LINES, 1.0 / LINES), 'same')
-    loud = np.flatnonzero(mean[1:] > LOUD * level)
-    top = (int(loud[-1]) + 1 if loud.size else 1) / (n * period)
-    return max(top, 2.0 / (n * period)), float(np.sqrt(level))
+    top = _highest(mean, np.full(power.size, level))
+    colour = None
+    for _ in range(ROUNDS):  # noise that is not white looks like motion beside the white level
+        found = _colour_beyond(power, top)
+        if found is None:
+            break
+        colour = found
+        top = _highest(mean, colour.power(np.linspace(0.0, 1.0, power.size)))
+    if colour is not None:
+        level = float(np.mean(colour.power(np.linspace(0.0, 1.0, power.size)[top:])))
+        colour = colour.times(1.0 / level)
+    return max(top / (n * period), 2.0 / (n * period)), float(np.sqrt(level)), colour
+
+
+def _highest(power: Array, level: Array) -> int:
+    """The last line of a spectrum that stands high above a level, at least the first."""
+    loud = np.flatnonzero(power[1:] > LOUD * level[1:])
+    return int(loud[-1]) + 1 if loud.size else 1
+
+
+def _colour_beyond(power: Array, top: int) -> Colour | None:
+    """The colour of the noise beyond a line of a spectrum; None where it is white or no noise."""
+    edges = np.unique(np.geomspace(max(BEYOND * top, LINES), power.size, PARTS).astype(int))
+    pairs = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= LINES]
+    if len(pairs) < FEWEST:
+        return None
+    place = np.array([0.5 * (a + b - 1) / power.size for a, b in pairs])
+    level = np.array([float(np.median(power[a:b])) / np.log(2.0) for a, b in pairs])
+    # a window makes lines next to each other tell the same: two for three
+    lines = np.array([2.0 * (b - a) / 3.0 for a, b in pairs])
+    colour = fitted_colour(place, level, lines)
+    if colour is None:
+        return None
+    ratio = level / colour.power(place)
+    deviance = 2.0 * lines * (ratio - 1.0 - np.log(ratio))
+    return colour if float(np.median(deviance)) < UNLIKE else None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from impactscope.discrepancy.driven import layout as at
+from impactscope.discrepancy.driven.colour import Forgetting
 from impactscope.discrepancy.driven.measuring import passed_on, retimed
 from impactscope.discrepancy.driven.mechanics import enter
 from impactscope.discrepancy.driven.oscillator import run, run_on_base
@@ -42,7 +43,7 @@ class Segment:
     whitener: Callable[[Array], Array] | None = (
         None  # what the fit applies to residuals; None: nothing
     )
-    slow: Callable[[Array], Array] | None = None  # and then, where slow noise is left
+    slow: Forgetting | None = None  # and then, where noise of a colour is left
 
     def whitened(self, residual: Array) -> Array:
         """A residual as a fit sees it, shape (n,): innovations where the noise is known."""

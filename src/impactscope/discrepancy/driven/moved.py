@@ -11,14 +11,16 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 from scipy.interpolate import CubicSpline
 
 from impactscope.discrepancy.driven import layout as at
 from impactscope.discrepancy.driven.case import Case, throughout
+from impactscope.discrepancy.driven.colour import Colour, Forgetting, forgetting
 from impactscope.discrepancy.driven.compiled import compiled
 from impactscope.discrepancy.driven.course import Course, course_of, passed_by_spline
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
@@ -53,6 +55,12 @@ class MovedNoise:
     device: tuple[float, float, float]  # stiffness, damping and mass
     period: float
     ends: Array  # further variance of position, speed and acceleration near the ends, (3, n)
+    wanders: Colour | None = None  # colour of the motion's noise, over its variance
+    colour: Colour | None = None  # of the force's noise, over the variance of a sample
+    slow: Forgetting | None = None  # whitens it
+    _kept: dict[int, tuple[Array, Array | None]] = field(
+        init=False, repr=False, default_factory=dict
+    )
 
     def share(self, frequency: NDArray[np.floating]) -> Array:
         """Share of the noise's power that the motion's noise makes."""
@@ -60,16 +68,36 @@ class MovedNoise:
         stiffness, damping, mass = self.device
         passed = self.motion**2 * ((stiffness - mass * turn**2) ** 2 + (damping * turn) ** 2)
         passed = passed * passed_by_spline(0.5 * frequency / self.band)
-        return np.asarray(passed / (passed + self.force**2))
+        if self.wanders is not None:
+            passed = passed * self.wanders.power(2.0 * self.period * np.asarray(frequency))
+        own = np.full(turn.size, self.force**2)
+        if self.colour is not None:
+            own *= self.colour.power(2.0 * self.period * np.asarray(frequency, np.float64))
+        return np.asarray(passed / (passed + own))
 
     def __call__(self, residual: Array) -> Array:
         """A residual, shape (n,), in units of its noise."""
-        share = self.share(np.fft.rfftfreq(residual.size, self.period))
-        more = np.square(self.device) @ self.ends / self.force**2
-        even = residual / np.sqrt(1.0 + more) / self.force
-        if np.max(share) < LITTLE:
+        if residual.size not in self._kept:
+            self._kept[residual.size] = self._weights(residual.size)
+        weight, passes = self._kept[residual.size]
+        even = weight * (residual if self.slow is None else self.slow(residual))
+        if passes is None:
             return np.asarray(even)
-        return np.asarray(np.fft.irfft(np.sqrt(1.0 - share) * np.fft.rfft(even), residual.size))
+        # by cosines: a recording does not end where it began
+        return np.asarray(fft.idct(passes * fft.dct(even)))
+
+    def _weights(self, size: int) -> tuple[Array, Array | None]:
+        """What each sample counts, and each line where the motion's noise matters, (n,)."""
+        more = np.square(self.device) @ self.ends / self.force**2
+        if self.slow is not None:
+            more = more * self.slow.scale[-1] ** 2
+        share = self.share(0.5 / (size * self.period) * np.arange(size, dtype=np.float64))
+        passes = None if np.max(share) < LITTLE else np.sqrt(1.0 - share)
+        return 1.0 / np.sqrt(1.0 + more) / self.force, passes
+
+    def knowing(self, colour: Colour, size: int) -> MovedNoise:
+        """The same where the noise of the force has a colour, in units of its white level."""
+        return dataclasses.replace(self, colour=colour, slow=forgetting(colour, size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,21 +240,23 @@ def moved_case(
         segments = [_segment(c, k) for c, k in zip(cuts, courses, strict=True)]
         model = _linear(cuts, segments, mass)
         made = fit(model, (), segments, {}, tolerance=FINE)
-        bands = [(k.noise, k.band, k.ends) for k in courses]
+        bands = [(k.noise, k.band, k.ends, k.colour) for k in courses]
     else:
         assert isinstance(found.model, MovedModel)  # noqa: S101 - made below
         segments, model, made = list(found.segments), found.model, found.baseline
         known = [s.whitener for s in segments]
-        bands = [(w.motion, w.band, w.ends) for w in known if isinstance(w, MovedNoise)]
+        bands = [(w.motion, w.band, w.ends, w.wanders) for w in known if isinstance(w, MovedNoise)]
     noise = _noise(cuts, segments, best or made)
     if not noise > 0.0:
         return None
     device = made.values['stiffness'], made.values['damping'], made.values.get('mass', 0.0)
     ready = [
         dataclasses.replace(
-            s, noise=noise, whitener=MovedNoise(noise, moved, band, device, s.period, ends)
+            s,
+            noise=noise,
+            whitener=MovedNoise(noise, moved, band, device, s.period, ends, wanders),
         )
-        for s, (moved, band, ends) in zip(segments, bands, strict=True)
+        for s, (moved, band, ends, wanders) in zip(segments, bands, strict=True)
     ]
     if found is None:
         model = dataclasses.replace(model, terms=_terms(cuts, ready, made, noise))

@@ -18,7 +18,16 @@ from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
 
-__all__ = ['NoiseJudge', 'each_alone', 'innovations', 'joined', 'reduced', 'slight']
+__all__ = [
+    'OWN',
+    'PRICE',
+    'NoiseJudge',
+    'each_alone',
+    'innovations',
+    'joined',
+    'reduced',
+    'slight',
+]
 
 Array = NDArray[np.float64]
 

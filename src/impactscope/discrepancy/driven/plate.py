@@ -25,6 +25,8 @@ __all__ = ['plate_under_hammer', 'white_level']
 
 Array = NDArray[np.float64]
 
+ROUNDS = 4  # of knowing the noise and the plate
+
 
 def plate_under_hammer(
     parts: Sequence[Cut], model: OscillatorModel, segments: Sequence[Segment], made: Fit
@@ -54,7 +56,7 @@ def plate_under_hammer(
     ]
     linear = dataclasses.replace(model, terms=(), _last={})
     noise = _noise(parts, quiet, made)
-    for _ in range(2):
+    for _ in range(ROUNDS):
         plate = made.values['mass'], made.values['damping'], made.values['stiffness']
         if not noise > 0.0 or plate[0] <= 0.0 or plate[2] <= 0.0:
             return None
@@ -111,12 +113,21 @@ def _phases(segment: Segment, force: HammerForce) -> tuple[Phase, ...]:
 
 
 def _noise(parts: Sequence[Cut], segments: Sequence[Segment], made: Fit) -> float:
-    """Standard deviation of a sample: as stated, or from what is left between the lines."""
+    """Standard deviation of a sample: as stated, or from what is left between the lines.
+
+    Once the force's noise is whitened, that of the output is what is left of it.
+    """
     stated = parts[0].noise
     if math.isfinite(stated) and stated > 0.0:
         return stated
-    pairs = zip(segments, made.residuals, strict=True)
-    return float(np.median([white_level(r) for s, r in pairs if not s.held_out]))
+    found = []
+    for s, residual in zip(segments, made.residuals, strict=True):
+        if not s.held_out:
+            known = s.whitener is not None
+            found.append(
+                s.noise * white_level(s.whitened(residual)) if known else white_level(residual)
+            )
+    return float(np.median(found))
 
 
 def white_level(residual: Array) -> float:

@@ -27,12 +27,18 @@ from impactscope.discrepancy.driven.exact import exact_search
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment
 from impactscope.discrepancy.driven.moved import MovedModel, moved_case
-from impactscope.discrepancy.driven.noise_judge import reduced, slight
+from impactscope.discrepancy.driven.noise_judge import OWN, PRICE, reduced, slight
 from impactscope.discrepancy.driven.plate import plate_under_hammer
 from impactscope.discrepancy.driven.recordings import Cut, cuts
 from impactscope.discrepancy.driven.search import Outcome
 from impactscope.discrepancy.driven.shaken import shaken_case, taken_over
-from impactscope.discrepancy.driven.slow_noise import knowing_slow_noise, may_be_slow_noise
+from impactscope.discrepancy.driven.slow_noise import (
+    knowing_slow_noise,
+    may_be_slow_noise,
+    plain_noise,
+    whitened_logarithm,
+    without_slow_effects,
+)
 from impactscope.discrepancy.driven.spectral import counting_share
 from impactscope.discrepancy.driven.strangers import Stranger, Verdict, verdict
 from impactscope.discrepancy.driven.subject import Subject
@@ -50,9 +56,10 @@ NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
 HOPELESS = 8.0  # reduced chi-square that no better knowledge of the noise brings down to it
 REPEATS = 2  # searches with noise that is known better
 SLOW_NOISE = (
-    'The level of the output wanders from recording to recording as noise does that goes with one '
-    'over the frequency; it counts as noise.'
+    'The noise of the output is not white: it falls with the frequency, and samples count by what '
+    'they tell beyond those before.'
 )
+COLOURS = 2  # searches with noise of a colour
 LARGER = 0.25  # of reduced chi-square, by which what is left is more than noise
 SURE = 6.0  # standard deviations of it
 LEVEL = 0.02  # relative change of the noise's level that matters
@@ -74,7 +81,10 @@ def plate_answer(
     if len(whole) != len(parts):
         return None, False
     case = plate_under_hammer(whole, model, segments, linear)
-    if case is None or not OVERSTATED < reduced(case.judge, case.baseline) < MOSTLY_NOISE:
+    if case is None:
+        return None, False
+    near = OVERSTATED < reduced(case.judge, case.baseline) < MOSTLY_NOISE
+    if not near and plain_noise(case) is None:
         return None, False
     answer, _, sure = _exact(campaign, case, notes, tell)
     return answer, sure
@@ -111,7 +121,8 @@ def mass_answer(
     if case is None or start is None:
         return None, False
     least = OVERSTATED * counting_share([s.whitener for s in case.segments])
-    if not least < reduced(case.judge, start) < AT_ALL_NOISE:
+    near = least < reduced(case.judge, start) < AT_ALL_NOISE
+    if not near and (case.model.drifts or plain_noise(case) is None):
         return None, False
 
     def anew(before: Case, found: Fit) -> Case | None:
@@ -170,13 +181,47 @@ def _exact(
     tell: Progress,
     share: float = 1.0,
     seed: Fit | None = None,
-    *,
-    slow: bool = False,
 ) -> tuple[Answer, Outcome, bool]:
     """The answer where noise is all that a right model leaves, and whether it is.
 
-    ``slow``: slow noise is known already.
+    Where what is found leaves noise of a colour the search is made again with that noise; what
+    is likelier of both, with all that was found in it, is the answer.
     """
+    plain = None if case.model.drifts or seed is not None else plain_noise(case)
+    best = found = _searched(campaign, plain or case, tell, share, seed)
+    for _ in range(COLOURS):
+        last = found[1].best
+        if plain is not None and not _terms_of(found):
+            break  # noise of that colour is all that there is
+        if case.model.drifts and not may_be_slow_noise(last, found[2]):
+            break
+        bare = without_slow_effects(case, last)
+        tries = [
+            knowing_slow_noise(case, made) for made in ((last,) if bare is last else (last, bare))
+        ]
+        if not any(tries) and plain is None:
+            break
+        again = [_searched(campaign, k or case, tell, share) for k in dict.fromkeys(tries)]
+        now = min(again, key=lambda f: _misfit(*f))
+        best = min(best, now, key=lambda f: _misfit(*f))
+        if _terms_of(now) == _terms_of(found):
+            break
+        found = now
+    white, (case, outcome, said) = case, best
+    known = tuple(notes) if case is white else (*notes, SLOW_NOISE)
+    if case.model.__class__ is MovedModel or case.model.drifts:
+        said = _and_its_size(case, outcome.best, said)
+    tell(0.95 * share, 'describing')
+    subject = Subject(
+        campaign, case.model, case.segments, case.judge, outcome, None, known, case, said
+    )
+    return describe(subject), outcome, reduced(case.judge, outcome.best) < NOISE
+
+
+def _searched(
+    campaign: Campaign, case: Case, tell: Progress, share: float, seed: Fit | None = None
+) -> tuple[Case, Outcome, Verdict]:
+    """What a search with one noise finds, and what is left."""
     baseline = with_known(campaign, case.model, case.segments, case.baseline)
     tell(0.1 * share, 'searching')
     outcome = exact_search(
@@ -193,18 +238,26 @@ def _exact(
     said = verdict(
         case.laws, case.model, baseline, outcome.best, gain, case.segments, case.settled
     )
-    if not slow and may_be_slow_noise(outcome.best, said):
-        knowing = knowing_slow_noise(case, outcome.best)
-        if knowing is not None:
-            known = (*notes, SLOW_NOISE)
-            return _exact(campaign, knowing, known, tell, share, slow=True)
-    if case.model.__class__ is MovedModel or case.model.drifts:
-        said = _and_its_size(case, outcome.best, said)
-    tell(0.95 * share, 'describing')
-    subject = Subject(
-        campaign, case.model, case.segments, case.judge, outcome, None, tuple(notes), case, said
-    )
-    return describe(subject), outcome, reduced(case.judge, outcome.best) < NOISE
+    return case, outcome, said
+
+
+def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
+    """Minus twice the logarithm of the likelihood, with a price for all that was found."""
+    alone = said.left and said.instead
+    made = outcome.baseline if alone else outcome.best
+    left = math.fsum(case.judge.chi_squares(made))
+    whole = math.fsum(case.judge.chi_squares(outcome.baseline)) + whitened_logarithm(case)
+    whole += 0.0 if alone else case.judge.criterion(outcome.best, outcome.baseline)
+    if said.left:  # a law takes away no more than what is left beyond the noise
+        beyond = max(left - sum(s.measured.size for s in case.segments), 0.0)
+        whole -= min(said.strongest.gain, beyond) - PRICE * said.strongest.numbers
+    else:  # a level of its own in each recording is what slow noise has, at a price
+        whole += (PRICE - OWN) * (made.own - outcome.baseline.own)
+    return whole
+
+
+def _terms_of(found: tuple[Case, Outcome, Verdict]) -> frozenset[str]:
+    return frozenset(t.label for t in found[1].best.terms)
 
 
 def _and_its_size(case: Case, best: Fit, said: Verdict) -> Verdict:

@@ -12,12 +12,15 @@ Trans. Autom. Control 13 (1968)). Least squares on innovations is generalised le
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, ndimage, signal
 
+from impactscope.discrepancy.driven.colour import Colour, kept
 from impactscope.discrepancy.driven.compiled import compiled
 from impactscope.discrepancy.evidence import noise_std
 
@@ -123,18 +126,26 @@ def _smoothed(samples: Array, noise: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whitener:
-    """Turns a residual into innovations of unit variance; one recording's."""
+    """Turns a residual into innovations of unit variance; one recording's.
 
-    transition: Array  # (2, 2)
-    shows: Array  # (2,): output of a state
-    gain: Array  # (n, 2)
+    Its states are those of the plate and of the parts of which the output's noise is made.
+    """
+
+    transition: Array  # (k, k)
+    shows: Array  # (k,): output of a state
+    gain: Array  # (n, k)
     scale: Array  # (n,): one over the innovation's standard deviation
+    knowing: Callable[[Colour], Whitener]  # the same where the output's noise has a colour
 
     def __call__(self, residual: Array) -> Array:
         """Innovations, shape (n,)."""
         out = np.empty(residual.size)
         _innovations(residual, self.transition, self.shows, self.gain, self.scale, out)
         return out
+
+    def logarithm(self) -> float:
+        """Logarithm of the determinant of the noise's covariance."""
+        return -2.0 * float(np.sum(np.log(self.scale)))
 
 
 def whitener(
@@ -144,6 +155,7 @@ def whitener(
     noise: float,
     force: HammerForce | None,
     samples: int,
+    colour: Colour | None = None,
 ) -> Whitener:
     """Filter for the residual of one recording.
 
@@ -154,31 +166,40 @@ def whitener(
         noise: standard deviation of the output's white noise.
         force: with its error; None: exact.
         samples: of the recording.
+        colour: of the output's noise, over the variance of ``noise``; None: white.
     """
     mass, damping, stiffness = plate
     rates = np.array([[0.0, 1.0], [-stiffness / mass, -damping / mass]])
     block = np.zeros((3, 3))
     block[:2, :2], block[1, 2] = rates, 1.0 / mass
     block = linalg.expm(block * period)
-    transition, push = block[:2, :2], block[:2, 2]
-    shows = np.eye(3, 2)[derivative] if derivative < 2 else rates[1]
+    parts = () if colour is None else colour.parts
+    states = 2 + len(parts)
+    transition, push, shows = np.zeros((states, states)), np.zeros(states), np.ones(states)
+    transition[:2, :2], push[:2] = block[:2, :2], block[:2, 2]
+    shows[:2] = np.eye(3, 2)[derivative] if derivative < 2 else rates[1]
+    transition[range(2, states), range(2, states)] = [kept(corner) for _, corner in parts]
+    begins = np.zeros(states)
+    begins[2:] = [noise**2 * variance for variance, _ in parts]
     through = 1.0 / mass if derivative == 2 else 0.0
     error = np.zeros(samples) if force is None else force.variance
     # smoothing leaves the slow part of the noise as it is
     sensor = np.zeros(samples) if force is None else np.minimum(error, force.noise**2)
-    gain, scale = np.empty((samples, 2)), np.empty(samples)
+    gain, scale = np.empty((samples, states)), np.empty(samples)
     _gains(
-        np.ascontiguousarray(transition),
-        np.ascontiguousarray(push),
-        np.ascontiguousarray(shows),
+        transition,
+        push,
+        shows,
+        begins,
         through,
-        noise**2,
+        noise**2 * (1.0 if colour is None else colour.white),
         np.ascontiguousarray(error),
         np.ascontiguousarray(sensor),
         gain,
         scale,
     )
-    return Whitener(np.ascontiguousarray(transition), np.ascontiguousarray(shows), gain, scale)
+    known = partial(whitener, plate, derivative, period, noise, force, samples)
+    return Whitener(transition, shows, gain, scale, known)
 
 
 @compiled
@@ -186,6 +207,7 @@ def _gains(
     transition: Array,
     push: Array,
     shows: Array,
+    begins: Array,
     through: float,
     noise: float,
     error: Array,
@@ -193,28 +215,41 @@ def _gains(
     gain: Array,
     scale: Array,
 ) -> None:
-    """Gains of the Kalman filter; the force's noise is in the state and in the output at once."""
-    p = np.zeros((2, 2))
-    for k in range(scale.size):
+    """Gains of the Kalman filter; the force's noise is in the state and in the output at once.
+
+    ``begins``: variances of the states before the first sample, which those of the noise keep.
+    """
+    k = shows.size
+    p = np.diag(begins)
+    fresh = begins * (1.0 - np.diag(transition) ** 2)
+    total = noise + np.sum(begins)
+    for i in range(scale.size):
         seen = p @ shows
-        variance = shows @ seen + noise + sensor[k] * through * through
-        column = (transition @ seen + push * (sensor[k] * through)) / variance
-        gain[k, 0], gain[k, 1] = column[0], column[1]
-        scale[k] = 1.0 / math.sqrt(variance)
+        variance = max(shows @ seen + noise, 1e-12 * total) + sensor[i] * through * through
+        column = (transition @ seen + push * (sensor[i] * through)) / variance
+        gain[i] = column
+        scale[i] = 1.0 / math.sqrt(variance)
         p = transition @ p @ transition.T
-        for i in range(2):
-            for j in range(2):
-                p[i, j] += push[i] * push[j] * error[k] - column[i] * column[j] * variance
+        for a in range(k):
+            for b in range(k):
+                p[a, b] += push[a] * push[b] * error[i] - column[a] * column[b] * variance
+            p[a, a] += fresh[a]
 
 
 @compiled
 def _innovations(
     residual: Array, transition: Array, shows: Array, gain: Array, scale: Array, out: Array
 ) -> None:
-    x = v = 0.0
-    for k in range(residual.size):
-        new = residual[k] - shows[0] * x - shows[1] * v
-        out[k] = new * scale[k]
-        moved = transition[0, 0] * x + transition[0, 1] * v + gain[k, 0] * new
-        v = transition[1, 0] * x + transition[1, 1] * v + gain[k, 1] * new
-        x = moved
+    states = shows.size
+    now, after = np.zeros(states), np.zeros(states)
+    for i in range(residual.size):
+        new = residual[i]
+        for a in range(states):
+            new -= shows[a] * now[a]
+        out[i] = new * scale[i]
+        after[0] = transition[0, 0] * now[0] + transition[0, 1] * now[1]
+        after[1] = transition[1, 0] * now[0] + transition[1, 1] * now[1]
+        for a in range(2, states):  # parts of the noise forget each on its own
+            after[a] = transition[a, a] * now[a]
+        for a in range(states):
+            now[a] = after[a] + gain[i, a] * new
