@@ -56,6 +56,8 @@ _DRAWS = 30  # until the wanted channel comes; some effects are of one channel o
 # An alternative that leaves less than this d' cannot be ruled out: between two known courses an
 # ideal observer errs in Phi(-d'/2), here in one of twenty.
 CONFUSABLE = 3.29
+ALIKE = 1.0  # an alternative that leaves less needs no other draw of its shape
+TRIES = 2  # draws of its shape with either sign
 
 
 @dataclass(frozen=True)
@@ -172,7 +174,7 @@ def alternatives(
             continue
         if other.name == 'gravity_load' and 'gravity_load' in freedom.scenario.baseline:
             continue
-        for sign in (1, -1):
+        for sign in (1, -1) * TRIES:  # what else is drawn beside the strength may be near or far
             aux = _set_up(rng, other, freedom.scenario, telling)
             if 'sign' in aux:
                 aux = {**aux, 'sign': sign}
@@ -186,7 +188,7 @@ def alternatives(
                     break
             if rest < limit and rest < 0.5 * size:
                 found[other.name] = min(rest, found.get(other.name, math.inf))
-            if not aux:  # nothing else to try
+            if not aux or found.get(other.name, math.inf) < ALIKE:  # nothing else to try
                 break
     return dict(sorted(found.items(), key=lambda item: item[1]))
 
