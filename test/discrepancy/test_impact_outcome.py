@@ -5,7 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from impactscope.discrepancy.impact.outcome import evidence_for
+from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.candidates import candidates
+from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.fit import at_point, fit
+from impactscope.discrepancy.impact.follow import fit_baseline
+from impactscope.discrepancy.impact.outcome import evidence_for, settled_without
 
 SIZE = 5000
 
@@ -43,3 +48,21 @@ def test_a_contact_that_is_missed_in_every_blow_is_evidence(noise):
     missed = noise.copy()
     missed[::100] += 9.2
     assert evidence_for(left(noise), left(missed)) > 1000
+
+
+def test_a_fixture_that_vanishes_at_infinity_is_taken_out_from_where_it_leads(make_campaign):
+    campaign = make_campaign(6)
+    plain = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    listed = candidates(plain, campaign.baseline_names)
+    fixture = next(c for c in listed if c.name == 'base_compliance')
+    model = fixture.extend(plain.model)
+    heavy = {**plain.values, 'base_compliance.mass': 5e3, 'base_compliance.frequency': 100.0}
+    start = np.array([f.to_inner(heavy.get(f.key, f.start)) for f in model.free])
+    joint = fit(model, plain.layout, start)
+    # a fit without it that stands in another minimum
+    astray = plain.x.copy()
+    astray[plain.model.index('sensor.moving_mass')] += 2e-3
+    astray = at_point(plain.model, plain.layout, astray)
+    assert astray.chi_square > joint.chi_square + 100.0
+    found = settled_without(joint, [fixture], astray)
+    assert found.chi_square == pytest.approx(plain.chi_square, abs=0.5)
