@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from impactscope.discrepancy.campaign import Campaign, Quantity
 from impactscope.discrepancy.impact.data import BlowData, CampaignData
-from impactscope.discrepancy.impact.model import ActiveEffect, Free, ImpactModel
+from impactscope.discrepancy.impact.model import (
+    ADDED_WEIGHT,
+    WEIGHT,
+    ActiveEffect,
+    Free,
+    ImpactModel,
+)
 from impactscope.errors import ConfigurationError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum
@@ -210,8 +216,9 @@ def _effects(
         kind = mechanism(item.name)
         active = ActiveEffect(item.name, item.channel)
         effects.append(active)
-        weight = item.name in ('gravity_load', 'restoring_force') and not item.values
-        if weight:
+        weight = item.name in ('gravity_load', 'restoring_force')
+        if weight and item.values.keys() <= {WEIGHT, ADDED_WEIGHT}:
+            constants.update({f'{active.tag}.{n}': v for n, v in item.values.items()})
             _implied_weight(campaign, data, geometry, item.name, constants, free)
             continue
         for parameter in kind.parameters:

@@ -14,6 +14,7 @@ __all__ = ['Candidate', 'kin_of', 'stronger']
 _LIKE_A_NUMBER = {  # what acts as a wrong number of the baseline may
     'damper': ('rate_dependent_damper', 'stiffening_damper'),
     'pendulum': ('impact_speed_loss',),
+    'gravity_load': ('external_push',),
 }
 
 

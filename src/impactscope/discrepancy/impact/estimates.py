@@ -11,6 +11,7 @@ from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.fit import Fit
+from impactscope.discrepancy.impact.model import ADDED_WEIGHT, WEIGHT
 from impactscope.discrepancy.impact.outcome import Outcome
 from impactscope.physics.mechanisms.registry import mechanism
 from impactscope.physics.pendulum import Orientation
@@ -35,6 +36,8 @@ _UNITS = {
     'tap_duration': 's',
     'impactor_mass': 'kg',
     'speed': 'm/s',
+    WEIGHT: '1',
+    ADDED_WEIGHT: 'N',
 }
 
 
@@ -123,9 +126,15 @@ def saved_model(
 ) -> dict[str, object]:
     """The extended model as a new baseline of ``campaign.yaml``."""
     values = outcome.final.values
+    weights: dict[str, dict[str, float]] = {}
+    for wrong in accepted:
+        name, _, number = wrong.parameter.rpartition('.')
+        if number in (WEIGHT, ADDED_WEIGHT):
+            weights.setdefault(name, {})[number] = values[wrong.free[0].key]
     baseline: list[object] = [
-        {'name': b.name, 'values': dict(b.values)} if b.values else b.name
+        {'name': b.name, 'values': known} if known else b.name
         for b in campaign.baseline
+        if (known := {**b.values, **weights.get(b.name, {})}) is not None
     ]
     for candidate in accepted:
         if candidate.name == 'wrong_parameter':
@@ -150,7 +159,7 @@ def saved_model(
     }
     corrected: dict[str, object] = {}
     for wrong in (c for c in accepted if c.name == 'wrong_parameter'):
-        if wrong.free:
+        if wrong.free and not wrong.parameter.endswith((f'.{WEIGHT}', f'.{ADDED_WEIGHT}')):
             corrected[_place(wrong.parameter, blows)] = values[wrong.free[0].key]
         elif wrong.parameter == 'orientation':
             lying = wrong.constants['orientation'] > 0.5

@@ -42,13 +42,25 @@ from impactscope.physics.twin.bench import (
 )
 from impactscope.physics.twin.simulate import CHANNELS, solve
 
-__all__ = ['SPEED_RATIO', 'ActiveEffect', 'Free', 'ImpactModel', 'Layout', 'Prediction']
+__all__ = [
+    'ADDED_WEIGHT',
+    'SPEED_RATIO',
+    'WEIGHT',
+    'ActiveEffect',
+    'Free',
+    'ImpactModel',
+    'Layout',
+    'Prediction',
+]
 
 Array = NDArray[np.float64]
 _Moments = tuple[Array, dict[str, NDArray[np.int64]]]
 
 TOLERANCE = 1e-7
 SPEED_RATIO = 'impact_speed_loss.ratio'
+WEIGHT, ADDED_WEIGHT = 'weight', 'added_weight'
+"""Of a weight that follows from geometry or mass: a factor on it, and what it has beside, N."""
+
 _CACHE = 6  # solutions kept for each blow
 _WHITENERS = 150  # kept
 _TELLS = 3.0  # of its noise, uncertainty of a bin up to which it is fitted
@@ -383,8 +395,9 @@ class ImpactModel:
             if kind.on_channel or not kind.needs <= there:
                 continue
             numbers = self._numbers(values, active, i)
-            follows = active.name not in _WEIGHTS or _follow_weight(numbers, blow, bench)
-            if not follows:
+            if active.name in _WEIGHTS and not _follow_weight(
+                numbers, blow, bench, _weight_as_stated(values, active)
+            ):
                 continue
             if active.name == 'stribeck_friction':
                 numbers['static_force'] = max(numbers['static_force'], numbers['kinetic_force'])
@@ -437,18 +450,27 @@ def _after_loss(key: str, stated: float, ratio: float, values: Mapping[str, floa
     return math.degrees(math.asin(min(ratio**2 * math.sin(math.radians(stated)), 1.0)))
 
 
-def _follow_weight(numbers: dict[str, float], blow: Blow, bench: Bench) -> bool:
+def _weight_as_stated(values: Mapping[str, float], active: ActiveEffect) -> tuple[float, float]:
+    """Factor on a weight that follows from geometry or mass, and what it has beside, N."""
+    share = values.get(f'{active.tag}.{WEIGHT}', 1.0)
+    return share, values.get(f'{active.tag}.{ADDED_WEIGHT}', 0.0)
+
+
+def _follow_weight(
+    numbers: dict[str, float], blow: Blow, bench: Bench, as_stated: tuple[float, float]
+) -> bool:
     """Fill in a weight that is to follow from geometry or mass; False: none acts."""
+    share, more = as_stated
     if isinstance(blow, RobotBlow) and math.isnan(numbers.get('force', 0.0)):
-        numbers['force'] = blow.effective_mass * STANDARD_GRAVITY
+        numbers['force'] = share * blow.effective_mass * STANDARD_GRAVITY + more
     if not isinstance(blow, PendulumBlow):
         return True
     pendulum, horizontal = blow.pendulum, bench.orientation is Orientation.HORIZONTAL
     if 'force' in numbers and math.isnan(numbers['force']):
-        numbers['force'] = pendulum.contact_weight()
+        numbers['force'] = share * pendulum.contact_weight() + more
         return not horizontal
     if 'stiffness' in numbers and math.isnan(numbers['stiffness']):
-        numbers['stiffness'] = pendulum.restoring_stiffness(Orientation.HORIZONTAL)
+        numbers['stiffness'] = share * pendulum.restoring_stiffness(Orientation.HORIZONTAL)
         return horizontal
     return True
 

@@ -7,7 +7,13 @@ import math
 from collections.abc import Iterator
 
 from impactscope.discrepancy.impact.candidate import Candidate
-from impactscope.discrepancy.impact.model import ActiveEffect, Free, ImpactModel
+from impactscope.discrepancy.impact.model import (
+    ADDED_WEIGHT,
+    WEIGHT,
+    ActiveEffect,
+    Free,
+    ImpactModel,
+)
 
 __all__ = ['wrong_numbers']
 
@@ -61,9 +67,40 @@ def wrong_numbers(model: ImpactModel) -> Iterator[Candidate]:
             parameter=key,
             recording='' if blow is None else model.data.blows[blow].name,
         )
+    yield from _other_weight(model)
     swings = any(b.recording.kind == 'pendulum' for b in model.data.blows)
     if swings and 'pendulum.contact_distance' in values:
         yield from _other_orientation(model)
+
+
+def _other_weight(model: ImpactModel) -> Iterator[Candidate]:
+    """A weight that geometry or mass imply, and that is another: by a factor, or by a load."""
+    for active in model.effects:
+        follows = any(
+            math.isnan(value) and key.startswith((f'{active.tag}.force@', f'{active.tag}.stiff'))
+            for key, value in model.constants.items()
+        )
+        if active.name not in ('gravity_load', 'restoring_force') or not follows:
+            continue
+        key = f'{active.tag}.{WEIGHT}'
+        stated = model.constants.get(key, 1.0)
+        numbers = [(Free(key, stated, 0.02, 0.05, 20.0, logarithmic=True), 1.05 * stated)]
+        if active.name == 'gravity_load':
+            key = f'{active.tag}.{ADDED_WEIGHT}'
+            stated = model.constants.get(key, 0.0)
+            numbers.append((Free(key, stated, 0.1, -1e3, 1e3), stated + 0.1))
+        for number, tried in numbers:
+            if number.key in {f.key for f in model.free}:
+                continue
+            yield Candidate(
+                label=f'wrong {number.key}',
+                name='wrong_parameter',
+                subsystem='parameter',
+                free=(number,),
+                starts=({number.key: tried},),
+                amplitudes={number.key: number.start},
+                parameter=number.key,
+            )
 
 
 def _other_orientation(model: ImpactModel) -> Iterator[Candidate]:
