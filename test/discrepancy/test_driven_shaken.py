@@ -113,3 +113,18 @@ def test_a_plate_let_go():
                 {'displacement.plate': ('m', y[30:1500] + NOISE * rng.standard_normal(1470))}
             )
         assert explain_driven(campaign(parts, bench)).accepted == found
+
+
+def test_a_swing_that_dies_away_in_a_random_walk():
+    """Its line is not the strongest of the whole recording."""
+    rng = np.random.default_rng(9)
+    bench = {'kind': 'driven', 'input': 'none', 'outputs': ['displacement.plate']}
+    parts = []
+    for start in (0.003, 0.002, 0.0025):
+        y = moved(np.zeros(SAMPLES * FINE), start=start, damping=6.0 * DAMPING)
+        walk = np.cumsum(rng.standard_normal(SAMPLES)) + rng.standard_normal(SAMPLES)
+        parts.append({'displacement.plate': ('m', y + 0.2 * NOISE * walk)})
+    answer = explain_driven(campaign(parts, bench))
+    assert answer.accepted == ()
+    found = answer.baseline_parameters
+    assert abs(found['stiffness'].value - STIFFNESS / MASS) < 0.01 * STIFFNESS / MASS

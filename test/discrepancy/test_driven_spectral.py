@@ -10,6 +10,7 @@ from impactscope.discrepancy.driven.spectral import (
     fitted_colour,
     levels,
     unlike_noise,
+    weight_by_runs,
     whitening,
 )
 
@@ -107,3 +108,16 @@ def test_noises_of_both_ends():
     assert out == pytest.approx(0.01, rel=0.15)
     assert both_noises([u], [u + 0.01 * rng.standard_normal(SAMPLES)]) is None  # it passes
     assert both_noises([x], [y]) is None  # none
+
+
+def test_a_coarse_reading_that_rests_counts_once():
+    rng = np.random.default_rng(10)
+    time = np.arange(4000) / 1000.0
+    swing = 40.0 * np.exp(-3.0 * time) * np.sin(200.0 * time)
+    read = np.round(swing + 0.1 * rng.standard_normal(time.size))
+    weight = weight_by_runs(read, 0.31)
+    assert weight is not None
+    assert np.mean(weight[:500] ** 2) > 0.8  # it swings over many steps
+    assert np.sum(weight[3000:] ** 2) < 20.0  # it reads nothing but zero
+    fine = 0.2 * np.round((swing + 0.1 * rng.standard_normal(time.size)) / 0.2)
+    assert weight_by_runs(fine, 0.115) is None

@@ -39,7 +39,7 @@ CLOSER = 1.5  # ratio of the spaces between knots that are tried
 NOISE = 1.02  # ratio of what a spline leaves to the noise, from which it is right
 LEFT = 1.5  # the same in power, about one place
 ROUNDS = 2  # of telling motion and noise of a colour apart
-BEYOND, PARTS, FEWEST = 1.2, 24, 6  # times the highest line of the motion; parts of the rest
+BEYOND, PARTS, FEWEST = 2.5, 24, 6  # times the highest line of the motion; parts of the rest
 UNLIKE = 4.0  # deviance of the middle one, from which that is no noise
 BEND = 2.5  # over the space between knots: how fast an error changes
 

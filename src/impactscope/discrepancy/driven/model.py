@@ -45,10 +45,13 @@ class Segment:
     )
     slow: Forgetting | None = None  # and then, where noise of a colour is left
 
+    weight: Array | None = None  # of the innovations, (n,): how much each tells
+
     def whitened(self, residual: Array) -> Array:
         """A residual as a fit sees it, shape (n,): innovations where the noise is known."""
         known = residual if self.whitener is None else self.whitener(residual)
-        return known if self.slow is None else self.slow(known)
+        known = known if self.slow is None else self.slow(known)
+        return known if self.weight is None else self.weight * known
 
     @property
     def time(self) -> Array:

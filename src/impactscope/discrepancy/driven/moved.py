@@ -31,6 +31,7 @@ from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.moved_laws import moved_laws
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge
 from impactscope.discrepancy.driven.recordings import Cut, derivative_of
+from impactscope.discrepancy.driven.spectral import weight_by_runs
 from impactscope.discrepancy.driven.terms import Number, Term
 
 __all__ = ['MovedModel', 'MovedNoise', 'moved_case']
@@ -253,6 +254,7 @@ def moved_case(
     ready = [
         dataclasses.replace(
             s,
+            weight=weight_by_runs(s.measured, noise),
             noise=noise,
             whitener=MovedNoise(noise, moved, band, device, s.period, ends, wanders),
         )

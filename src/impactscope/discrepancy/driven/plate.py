@@ -17,6 +17,7 @@ from impactscope.discrepancy.driven.model import OscillatorModel, Segment, insid
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge
 from impactscope.discrepancy.driven.plate_laws import plate_laws
 from impactscope.discrepancy.driven.recordings import Cut
+from impactscope.discrepancy.driven.spectral import weight_by_runs
 from impactscope.discrepancy.driven.terms import Term
 from impactscope.discrepancy.driven.whitening import HammerForce, hammer_force, whitener
 from impactscope.discrepancy.locate import Phase
@@ -65,6 +66,7 @@ def plate_under_hammer(
                 s,
                 noise=noise,
                 whitener=whitener(plate, s.derivative, s.period, noise, h, s.measured.size),
+                weight=weight_by_runs(s.measured, noise),
             )
             for s, h in zip(quiet, forces, strict=True)
         ]
@@ -123,10 +125,8 @@ def _noise(parts: Sequence[Cut], segments: Sequence[Segment], made: Fit) -> floa
     found = []
     for s, residual in zip(segments, made.residuals, strict=True):
         if not s.held_out:
-            known = s.whitener is not None
-            found.append(
-                s.noise * white_level(s.whitened(residual)) if known else white_level(residual)
-            )
+            white = residual if s.whitener is None else s.noise * s.whitener(residual)
+            found.append(white_level(white))
     return float(np.median(found))
 
 

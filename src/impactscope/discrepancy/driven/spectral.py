@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, optimize, signal
 
+from impactscope.discrepancy.driven.measuring import step_of
+
 __all__ = [
     'Colour',
     'Spectral',
@@ -26,6 +28,7 @@ __all__ = [
     'levels',
     'stepped',
     'unlike_noise',
+    'weight_by_runs',
     'whitening',
 ]
 
@@ -37,6 +40,7 @@ LOUD = 30.0  # times what is left: lines with so much signal do not tell the noi
 SLOWEST_LINE = 3.0  # of a spectrum, that is no offset or drift of what was fitted
 FEWEST_LINES = 5.0  # of a part
 PARTS = 60  # into which a spectrum is cut, ever wider
+COARSE = 2.2  # noises, of a step beyond which most of them is its rounding; 3.5 where all is
 COLOURED = 40.0  # twice the logarithm of the likelihood by which noise is not white
 MIXED = 8.0  # the same by which one part that falls is not enough
 FEWEST = 12  # parts of a spectrum that tell a colour
@@ -95,6 +99,17 @@ def stepped(samples: Array, noise: float) -> Stepped | None:
         return None
     lengths = np.diff(np.concatenate([[0], changes, [samples.size]]))
     return Stepped(noise, np.repeat(1.0 / np.sqrt(lengths), lengths))
+
+
+def weight_by_runs(samples: Array, noise: float) -> Array | None:
+    """What each sample of a coarse reading counts, shape (n,); None where its steps are fine.
+
+    ``noise``: standard deviation of a sample, steps included. Where that is little more than what
+    steps leave, a reading that rests has one error throughout.
+    """
+    step = step_of(samples)
+    made = stepped(samples, noise) if step > COARSE * noise else None
+    return None if made is None else made.weight
 
 
 def counting_share(filters: Sequence[object]) -> float:

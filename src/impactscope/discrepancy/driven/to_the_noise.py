@@ -83,7 +83,8 @@ def plate_answer(
     case = plate_under_hammer(whole, model, segments, linear)
     if case is None:
         return None, False
-    near = OVERSTATED < reduced(case.judge, case.baseline) < MOSTLY_NOISE
+    counts = [1.0 if s.weight is None else float(np.mean(s.weight**2)) for s in case.segments]
+    near = OVERSTATED * min(counts) < reduced(case.judge, case.baseline) < MOSTLY_NOISE
     if not near and plain_noise(case) is None:
         return None, False
     answer, _, sure = _exact(campaign, case, notes, tell)
