@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.recordings import rests
+from impactscope.discrepancy.driven.oscillation import linear_oscillator
+from impactscope.discrepancy.driven.recordings import cuts, first_state, rests
 from impactscope.discrepancy.driven.spectral import counting_share, stepped, whitening
 
 RATE, FINE = 500.0, 200
@@ -62,7 +64,9 @@ def axis(reference, friction, load=0.0, back=None, base=None):
     return np.array(positions), np.array(forces)
 
 
-def closed_loop(seed, friction=0.0, sensor=None, load=0.0, late=0, hum=0.0, back=None, base=None):
+def closed_loop(
+    seed, friction=0.0, sensor=None, load=0.0, late=0, hum=0.0, back=None, base=None, wander=0.0
+):
     rng = np.random.default_rng(seed)
     channels, entries = {}, []
     for i in range(3):
@@ -70,6 +74,11 @@ def closed_loop(seed, friction=0.0, sensor=None, load=0.0, late=0, hum=0.0, back
         reference = course(4.0, 0.05, rng)
         positions, forces = axis(reference, friction, load, back, base)
         positions = np.concatenate([np.full(late, positions[0]), positions])[: positions.size]
+        if wander:
+            slow = signal.lfilter(
+                [np.sqrt(1.0 - 0.97**2)], [1.0, -0.97], rng.normal(size=1000 + forces.size)
+            )
+            positions = positions + wander * slow[1000:]
         time = np.arange(forces.size) / RATE
         forces = forces + hum * np.sin(2.0 * np.pi * 50.05 * time + rng.uniform(0.0, 6.0))
         entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
@@ -103,6 +112,16 @@ def test_nothing_is_missing_on_an_axis_whose_encoder_steps():
     assert answer.accepted == ()
     mass = answer.extended_parameters['mass']
     assert abs(mass.value - MASS) < 4.0 * mass.std
+
+
+def test_slow_noise_sets_no_axis_in_motion():
+    """A speed read from its first samples would move the mass as long as friction allows."""
+    campaign = closed_loop(3, wander=3e-4)
+    parts = cuts(campaign, ['displacement.axis'], 'force.drive', [])
+    told = [first_state(c.output, 1.0 / RATE, 9)[1] for c in parts]
+    assert max(abs(v) for v in told) > 0.02
+    _, segments, made = linear_oscillator(parts, spring=False, held=True)
+    assert max(made.rms(i) for i in range(len(segments))) < 3.0 * 3e-4
 
 
 def test_dry_friction_of_an_axis():

@@ -68,6 +68,8 @@ def linear_oscillator(
             best = error, model, made
     assert best is not None  # noqa: S101 - there is always a start
     _, model, made = best
+    if not spring:
+        segments = _at_rest(model, made, segments)
     made = fit(model, (), segments, made.values, made.starts, tolerance=FINE)
     sizes = _sizes(model, made, segments, cuts)
     angle = cuts[0].unit == 'rad'
@@ -84,6 +86,21 @@ def linear_oscillator(
         terms = (*terms, _late(cuts[0]))
     full = OscillatorModel(model.numbers, terms, free, sizes.position, sizes.speed)
     return full, segments, made
+
+
+def _at_rest(model: OscillatorModel, made: Fit, segments: Sequence[Segment]) -> list[Segment]:
+    """Segments that begin at rest wherever that is nearer to what was measured.
+
+    The speed of an axis is read from a few samples. Noise of any colour makes one up, and nothing
+    but friction ever stops it.
+    """
+    found = []
+    for s, left in zip(segments, made.residuals, strict=True):
+        still = dataclasses.replace(s, state=(s.state[0], 0.0))
+        rest = s.measured - model.predict(made.values, (), np.zeros(0), still)
+        nearer = s.state[1] != 0.0 and float(rest @ rest) < float(left @ left)
+        found.append(still if nearer else s)
+    return found
 
 
 def _shared(term: Term) -> Term:
