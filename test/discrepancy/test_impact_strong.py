@@ -14,7 +14,7 @@ from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.data import prepare
 from impactscope.discrepancy.impact.fit import fit
 from impactscope.discrepancy.impact.follow import fit_baseline
-from impactscope.discrepancy.impact.strong import in_place_of, race, related
+from impactscope.discrepancy.impact.strong import from_first_contact, in_place_of, race, related
 from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import BareContact
 
@@ -148,3 +148,22 @@ def test_a_converter_too_coarse_for_the_quiet_is_neither_mute_nor_saturated(make
 def test_a_coarse_converter_is_all_that_is_found(make_campaign):
     made = make_campaign(71, [Effect('quantisation', {'step': 10.0}, 'force')])
     assert explain(made).accepted == ('quantisation',)
+
+
+@pytest.mark.slow
+def test_what_bends_the_first_contact_itself_is_found_from_a_cold_start(make_campaign):
+    slam = Effect('velocity_squared_contact', {'coefficient': 300.0})
+    answer = explain(make_campaign(2, [slam]))
+    assert answer.accepted == ('velocity_squared_contact',)
+    item = answer.ranking[0].parameters['coefficient']
+    assert item.value == pytest.approx(300.0, abs=4 * item.std)
+    assert answer.fit.extended.reduced_chi_square < 1.1
+
+
+def test_first_contacts_are_met_by_what_acts_in_them(make_campaign):
+    slam = Effect('velocity_squared_contact', {'coefficient': 300.0})
+    campaign = make_campaign(2, [slam])
+    found = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    met = from_first_contact(found, campaign.baseline_names)
+    assert met[0][0].name == 'velocity_squared_contact'
+    assert met[0][1].reduced < 1.2

@@ -39,6 +39,7 @@ Progress = Callable[[float, str], None]
 _VISIBLE_STEP = 0.15  # of the noise, from which the converter's steps are coarse
 _STATED_TESTS = 4
 _NOT_MET = 100.0  # reduced chi-square of a blow that no start has met
+_NOISE_AT_MOST = 6.0  # reduced chi-square up to which noise may be slower than was known
 _FIRST_CONTACT = 0.012  # s after the onset
 _WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
 
@@ -49,12 +50,16 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
     progress(0.0, 'recordings')
     data = prepare(campaign)
     outcome = _searched(campaign, data, thresholds, progress)
-    if outcome.accepted or _unexplained(outcome, thresholds)[0]:
+    near = outcome.final.reduced < _NOISE_AT_MOST
+    if near and (outcome.accepted or _unexplained(outcome, thresholds)[0]):
         slower = noise_left(outcome.final)
         if slower:
-            progress(0.05, 'again, with slower noise')
             data = prepare(campaign, slower)
-            outcome = _searched(campaign, data, thresholds, progress)
+
+            def again(share: float, text: str) -> None:
+                progress(0.9 + 0.05 * share, f'with slower noise: {text}')
+
+            outcome = _searched(campaign, data, thresholds, again)
     progress(0.95, 'regions')
     return _answer(campaign, data, outcome, thresholds)
 

@@ -22,6 +22,7 @@ from impactscope.errors import ImpactscopeError
 from impactscope.physics.twin.simulate import SimulationError
 
 __all__ = [
+    'begun',
     'fit_baseline',
     'follow',
     'followed',
@@ -64,6 +65,12 @@ def fit_baseline(model: ImpactModel) -> Fit:
     if not _settled(found) and _open(short):
         found = _by_other_ways(short, found)
     return found if by_taps is None else _further(found, by_taps)
+
+
+def begun(model: ImpactModel) -> Fit:
+    """A model fitted to the first milliseconds of all blows, from a cold start."""
+    model = _by_noise_alone(model)
+    return _short(model, cold_starts(model))
 
 
 def _short(model: ImpactModel, starts: Sequence[Array]) -> Fit:

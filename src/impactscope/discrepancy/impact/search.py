@@ -44,7 +44,7 @@ from impactscope.discrepancy.impact.outcome import (
 )
 from impactscope.discrepancy.impact.pairs import Pair, pairs
 from impactscope.discrepancy.impact.pruning import prune
-from impactscope.discrepancy.impact.strong import from_taps
+from impactscope.discrepancy.impact.strong import from_first_contact, from_taps
 from impactscope.discrepancy.impact.workbench import Trial, Workbench
 from impactscope.errors import ImpactscopeError
 
@@ -89,7 +89,30 @@ class Search:
 
     def run(self, baseline: Fit) -> Outcome:
         """Search from a fitted baseline on."""
-        current, outcome = self._structure(baseline)
+        outcome = self._searched(*self._structure(baseline))
+        if outcome.final.reduced > LOST:
+            cold = self._from_cold(baseline)
+            if cold is not None:
+                again = self._searched(*cold)
+                if again.final.reduced < outcome.final.reduced:
+                    return again
+        return outcome
+
+    def _from_cold(self, baseline: Fit) -> tuple[Fit, Outcome] | None:
+        """A start with what meets the first contacts, where nothing else has led anywhere."""
+        tried = from_first_contact(baseline, self.baseline_names)
+        if not tried:
+            return None
+        candidate, other = tried[0]
+        plain = dataclasses.replace(baseline.model, data=other.model.data)
+        without = fit(plain, other.layout, baseline.x, iterations=12)
+        if other.reduced * _TELLING > without.reduced:
+            return None
+        looks = len(candidates(baseline, self.baseline_names))
+        return other, _begun_with(candidate, other, without, looks)
+
+    def _searched(self, current: Fit, outcome: Outcome) -> Outcome:
+        """The search from a fit on that may have findings already."""
         baseline = outcome.baseline
         sound: Fit | None = None  # the last fit that a window was content with
         waiting, reached, detours = list(self.windows), _FIRST, _DETOURS
@@ -184,12 +207,7 @@ class Search:
         if best is None:
             return baseline, outcome
         candidate, other, without = best
-        outcome = Outcome(without, other, [candidate], looks=len(listed))
-        item = weigh(candidate, other, without, len(listed))
-        outcome.found[candidate.label] = item
-        outcome.rivals[candidate.label] = []
-        outcome.p_value = item.p_value
-        return other, outcome
+        return other, _begun_with(candidate, other, without, len(listed))
 
     def _doubted(self, current: Fit, outcome: Outcome) -> Fit:
         """What is left is not noise: the candidate that makes it noise needs less evidence."""
@@ -403,6 +421,16 @@ class Search:
         check_held_out(outcome, self.thresholds, _MOST)
         if outcome.accepted and outcome.final is not judged:
             outcome.final = settled(outcome.final)
+
+
+def _begun_with(candidate: Candidate, other: Fit, without: Fit, looks: int) -> Outcome:
+    """What a search sets out from that has a finding already."""
+    outcome = Outcome(without, other, [candidate], looks=looks)
+    item = weigh(candidate, other, without, looks)
+    outcome.found[candidate.label] = item
+    outcome.rivals[candidate.label] = []
+    outcome.p_value = item.p_value
+    return outcome
 
 
 def _follows_whole(baseline: Fit) -> bool:

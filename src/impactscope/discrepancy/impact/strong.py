@@ -21,14 +21,14 @@ from impactscope.discrepancy.impact.candidate import Candidate, kin_of
 from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.cold_start import cold_starts, placed
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit
-from impactscope.discrepancy.impact.follow import fit_baseline
+from impactscope.discrepancy.impact.follow import begun, fit_baseline, follow
 from impactscope.discrepancy.impact.model import ImpactModel, Layout
 from impactscope.discrepancy.impact.outcome import QUIET
 from impactscope.discrepancy.impact.workbench import Workbench
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
-__all__ = ['from_taps', 'in_place_of', 'race', 'related']
+__all__ = ['from_first_contact', 'from_taps', 'in_place_of', 'race', 'related']
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,7 @@ _BEHIND = 6.0  # times the least chi-square, at which a candidate leaves the rac
 _COLD = 2  # candidates that are fitted to all blows from a cold start
 _SEEN = 60.0  # of chi-square, that a candidate must gain on the taps
 _SAME_UNIT = 12  # starts from numbers of the same unit
+_MET = 2.0  # reduced chi-square of the first contacts, up to which a candidate meets them
 _REFINED = 2  # starts of a candidate that are refined
 
 
@@ -179,6 +180,36 @@ def from_taps(baseline: Fit, baseline_names: Sequence[str]) -> list[tuple[Candid
             )
             found.append((candidate, fit_baseline(extended)))
     return sorted(found, key=lambda item: (-item[1].layout.size, item[1].reduced))
+
+
+def from_first_contact(
+    baseline: Fit, baseline_names: Sequence[str]
+) -> list[tuple[Candidate, Fit]]:
+    """What acts on the bench, each from a cold start, where that meets the first contacts.
+
+    What is missing in the first contact itself bends everything from the first sample on: then no
+    model without it is a place to set out from, not even for the first milliseconds.
+    """
+    found: list[tuple[Candidate, Fit]] = []
+    seen: set[str] = set()
+    for candidate in candidates(baseline, baseline_names):
+        wrong = candidate.name == 'wrong_parameter'
+        if candidate.channel or wrong or not candidate.free or candidate.name in seen:
+            continue
+        seen.add(candidate.name)
+        start = candidate.starts[0]
+        model = candidate.extend(baseline.model)
+        model.free = tuple(
+            dataclasses.replace(f, start=start[f.key]) if f.key in start else f for f in model.free
+        )
+        with contextlib.suppress(ImpactscopeError, ValueError):
+            found.append((candidate, begun(model)))
+    found = sorted((f for f in found if f[1].reduced < _MET), key=lambda f: f[1].chi_square)
+    followed = []
+    for candidate, short in found[:_COLD]:
+        with contextlib.suppress(ImpactscopeError):
+            followed.append((candidate, follow(short)))
+    return sorted(followed, key=lambda item: (-item[1].layout.size, item[1].reduced))
 
 
 def _tap_misfit(model: ImpactModel, x: Array, taps: Sequence[int]) -> float:
