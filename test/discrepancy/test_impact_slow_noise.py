@@ -83,3 +83,12 @@ def test_an_effect_is_no_noise(make_campaign):
 def test_slow_noise_is_no_finding(clean, name):
     answer = explain(with_slow_noise(clean, name, 2.0, 0.2))
     assert answer.accepted == ()
+
+
+@pytest.mark.slow
+def test_a_coupling_is_found_beside_slow_noise(make_campaign):
+    coupled = make_campaign(7, [Effect('ac_coupling', {'corner': 1.5}, 'force')], duration=0.9)
+    answer = explain(with_slow_noise(coupled, 'force', 0.5, 0.5))
+    assert answer.accepted == ('ac_coupling',)
+    corner = answer.ranking[0].parameters['corner']
+    assert corner.value == pytest.approx(1.5, abs=4 * corner.std)

@@ -23,8 +23,9 @@ from impactscope.discrepancy.impact.baseline import baseline_model
 from impactscope.discrepancy.impact.data import CampaignData, prepare
 from impactscope.discrepancy.impact.estimates import fitted_numbers, saved_model
 from impactscope.discrepancy.impact.figures import fit_table, pictures
+from impactscope.discrepancy.impact.fit import Fit
 from impactscope.discrepancy.impact.follow import fit_baseline, held_out_fit, prediction_misfit
-from impactscope.discrepancy.impact.outcome import Outcome
+from impactscope.discrepancy.impact.outcome import Outcome, with_findings
 from impactscope.discrepancy.impact.ranking import ranked, share_of_known, weaker
 from impactscope.discrepancy.impact.search import Search
 from impactscope.discrepancy.impact.slow_noise import noise_left
@@ -40,6 +41,7 @@ _VISIBLE_STEP = 0.15  # of the noise, from which the converter's steps are coars
 _STATED_TESTS = 4
 _NOT_MET = 100.0  # reduced chi-square of a blow that no start has met
 _NOISE_AT_MOST = 6.0  # reduced chi-square up to which noise may be slower than was known
+_SLOW = ('ac_coupling', 'offset', 'zero_drift')  # effects that slow noise may look like
 _FIRST_CONTACT = 0.012  # s after the onset
 _WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
 
@@ -52,7 +54,7 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
     outcome = _searched(campaign, data, thresholds, progress)
     near = outcome.final.reduced < _NOISE_AT_MOST
     if near and (outcome.accepted or _unexplained(outcome, thresholds)[0]):
-        slower = noise_left(outcome.final)
+        slower = noise_left(_without_slow(data, outcome))
         if slower:
             data = prepare(campaign, slower)
 
@@ -62,6 +64,18 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
             outcome = _searched(campaign, data, thresholds, again)
     progress(0.95, 'regions')
     return _answer(campaign, data, outcome, thresholds)
+
+
+def _without_slow(data: CampaignData, outcome: Outcome) -> Fit:
+    """The final fit without findings that slow noise looks like, in channels that have some.
+
+    With them a fit has taken a part of that noise, and what is left shows less of it.
+    """
+    coloured = {n for b in data.blows for n, c in b.channels.items() if c.colour is not None}
+    kept = [c for c in outcome.accepted if not (c.name in _SLOW and c.channel in coloured)]
+    if len(kept) == len(outcome.accepted):
+        return outcome.final
+    return with_findings(outcome, kept, outcome.final.layout)
 
 
 def _searched(
