@@ -129,3 +129,10 @@ def test_hum_has_a_phase_of_its_own_in_each_recording():
     assert answer.accepted == ('mains_hum',)
     found = answer.ranking[0].parameters['amplitude']
     assert abs(found.value - 0.08) < 4.0 * found.std
+
+
+def test_a_motion_as_broad_as_its_spectrum_leaves_no_noise_to_read():
+    samples = np.random.default_rng(6).standard_normal(400)
+    course = course_of(samples, 1.0 / RATE, 0)
+    assert course.colour is None
+    assert np.all(np.isfinite(course.motion))

@@ -206,7 +206,7 @@ def _band(samples: Array, period: float) -> tuple[float, float, Colour | None]:
         colour = found
         top = _highest(mean, colour.power(np.linspace(0.0, 1.0, power.size)))
     if colour is not None:
-        level = float(np.mean(colour.power(np.linspace(0.0, 1.0, power.size)[top:])))
+        level = float(np.mean(colour.power(np.linspace(0.0, 1.0, power.size)[min(top, n // 2) :])))
         colour = colour.times(1.0 / level)
     return max(top / (n * period), 2.0 / (n * period)), float(np.sqrt(level)), colour
 
@@ -219,7 +219,10 @@ def _highest(power: Array, level: Array) -> int:
 
 def _colour_beyond(power: Array, top: int) -> Colour | None:
     """The colour of the noise beyond a line of a spectrum; None where it is white or no noise."""
-    edges = np.unique(np.geomspace(max(BEYOND * top, LINES), power.size, PARTS).astype(int))
+    first = max(BEYOND * top, LINES)
+    if first >= power.size:
+        return None
+    edges = np.unique(np.geomspace(first, power.size, PARTS).astype(int))
     pairs = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= LINES]
     if len(pairs) < FEWEST:
         return None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.driven.case import Case
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.ladders import exact_terms
+from impactscope.discrepancy.driven.measuring import step_of
 from impactscope.discrepancy.driven.mechanics import Sizes
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment, inside_samples
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge
@@ -127,7 +128,9 @@ def _noise(parts: Sequence[Cut], segments: Sequence[Segment], made: Fit) -> floa
         if not s.held_out:
             white = residual if s.whitener is None else s.noise * s.whitener(residual)
             found.append(white_level(white))
-    return float(np.median(found))
+    # where a coarse reading rests it shows no noise
+    steps = [step_of(s.measured) for s in segments if not s.held_out]
+    return max(float(np.median(found)), min(steps) / math.sqrt(12.0))
 
 
 def white_level(residual: Array) -> float:

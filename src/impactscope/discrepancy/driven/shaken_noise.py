@@ -12,14 +12,17 @@ from scipy import ndimage, optimize
 
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.force import KnownForce
+from impactscope.discrepancy.driven.measuring import step_of
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.recordings import Cut
 from impactscope.discrepancy.driven.spectral import (
+    COARSE,
     Colour,
     fitted_colour,
     levels,
     stepped,
     unlike_noise,
+    weight_by_runs,
     whitening,
 )
 from impactscope.discrepancy.driven.whitening import HammerForce, whitener
@@ -82,6 +85,9 @@ def whitened(
             steps = 0.0
         if steps > 0.0:
             white, colour = max(white, steps**2 / 12.0), None
+        coarse = 0.0 if drifts else min(step_of(ready[i].measured) for i in told)
+        if coarse > COARSE * math.sqrt(white):  # where such a reading rests it shows no noise
+            white, colour = max(white, coarse**2 / 12.0), None
         if math.isfinite(stated) and stated > 0.0:
             white, colour = stated**2, None
         if not white > 0.0:
@@ -106,7 +112,10 @@ def whitened(
             repeated = stepped(ready[i].measured, math.sqrt(white)) if steps > 0.0 else None
             if repeated is not None:
                 filtering = repeated
-            done[i] = dataclasses.replace(ready[i], noise=math.sqrt(total), whitener=filtering)
+            runs = None if drifts else weight_by_runs(ready[i].measured, math.sqrt(white))
+            done[i] = dataclasses.replace(
+                ready[i], noise=math.sqrt(total), whitener=filtering, weight=runs
+            )
             shares[i] = rung / (own + rung)
     return done, shares
 

@@ -20,6 +20,7 @@ from scipy import linalg, optimize, signal
 from impactscope.discrepancy.driven.measuring import step_of
 
 __all__ = [
+    'COARSE',
     'Colour',
     'Spectral',
     'Stepped',

@@ -83,8 +83,7 @@ def plate_answer(
     case = plate_under_hammer(whole, model, segments, linear)
     if case is None:
         return None, False
-    counts = [1.0 if s.weight is None else float(np.mean(s.weight**2)) for s in case.segments]
-    near = OVERSTATED * min(counts) < reduced(case.judge, case.baseline) < MOSTLY_NOISE
+    near = OVERSTATED * _counting(case) < reduced(case.judge, case.baseline) < MOSTLY_NOISE
     if not near and plain_noise(case) is None:
         return None, False
     answer, _, sure = _exact(campaign, case, notes, tell)
@@ -121,7 +120,7 @@ def mass_answer(
     start = None if case is None else (seed or case.baseline)
     if case is None or start is None:
         return None, False
-    least = OVERSTATED * counting_share([s.whitener for s in case.segments])
+    least = OVERSTATED * _counting(case) * counting_share([s.whitener for s in case.segments])
     near = least < reduced(case.judge, start) < AT_ALL_NOISE
     if not near and (case.model.drifts or plain_noise(case) is None):
         return None, False
@@ -173,6 +172,12 @@ def chain_answer(
         return chain_case(model, segments, linear, found)
 
     return _repeated(campaign, case, anew, notes, tell)
+
+
+def _counting(case: Case) -> float:
+    """Samples that count, of all, where coarse readings rest."""
+    shares = [float(np.mean(s.weight**2)) for s in case.segments if s.weight is not None]
+    return min(shares, default=1.0)
 
 
 def _exact(
