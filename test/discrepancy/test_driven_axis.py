@@ -65,7 +65,16 @@ def axis(reference, friction, load=0.0, back=None, base=None):
 
 
 def closed_loop(
-    seed, friction=0.0, sensor=None, load=0.0, late=0, hum=0.0, back=None, base=None, wander=0.0
+    seed,
+    friction=0.0,
+    sensor=None,
+    load=0.0,
+    late=0,
+    hum=0.0,
+    back=None,
+    base=None,
+    wander=0.0,
+    smooth=0.0,
 ):
     rng = np.random.default_rng(seed)
     channels, entries = {}, []
@@ -74,6 +83,9 @@ def closed_loop(
         reference = course(4.0, 0.05, rng)
         positions, forces = axis(reference, friction, load, back, base)
         positions = np.concatenate([np.full(late, positions[0]), positions])[: positions.size]
+        if smooth:
+            positions = signal.filtfilt(*signal.butter(1, smooth, fs=RATE), positions)
+            positions = positions + rng.normal(scale=STEP, size=positions.size)
         if wander:
             slow = signal.lfilter(
                 [np.sqrt(1.0 - 0.97**2)], [1.0, -0.97], rng.normal(size=1000 + forces.size)
@@ -143,6 +155,15 @@ def test_an_encoder_that_comes_late():
     answer = explain_driven(closed_loop(6, late=3))
     assert answer.accepted == ('clock_error',)
     assert answer.findings[0].parameters['offset'].value == pytest.approx(3.0 / RATE, rel=0.01)
+
+
+def test_a_low_pass_of_the_encoder_that_runs_both_ways():
+    """Its order shows although its delay does not."""
+    answer = explain_driven(closed_loop(15, smooth=12.0))
+    assert answer.accepted == ('low_pass_filter',)
+    told = answer.findings[0].parameters
+    assert (told['order'].value, told['zero_phase'].value) == (1.0, 1.0)
+    assert abs(told['cutoff'].value - 12.0) < 4.0 * told['cutoff'].std + 0.05
 
 
 def test_a_spring_that_the_axis_is_said_not_to_have():

@@ -69,10 +69,11 @@ class _Fits:
     def look_around(self, place: Fit) -> None:
         """Look at every candidate beside a fit, near which the search will be."""
         self.place, self.here = place, tangent(self.model, place, self.segments)
+        # a low-pass shows little of an axis' motion: of what order it is matters
         first = [
             t
             for t in self.model.terms
-            if t.name != 'low_pass_filter' or filter_of(t)[0] == FIRST_ORDER
+            if t.name != 'low_pass_filter' or self.model.drifts or filter_of(t)[0] == FIRST_ORDER
         ]
         self.looks = looks(self.model, place, first, self.segments)
         # what is tuned in every fit; its derivatives change little from one to the next
