@@ -10,9 +10,11 @@ from scipy import signal
 
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.fit import fit
 from impactscope.discrepancy.impact.follow import fit_baseline
-from impactscope.discrepancy.impact.slow_noise import noise_left
+from impactscope.discrepancy.impact.slow_noise import likelier, noise_left
 from impactscope.physics.twin.assembly import Effect
 
 WHITE = {'force': 0.4, 'acceleration.impactor': 0.08}
@@ -75,6 +77,23 @@ def test_a_stated_noise_stands(clean):
 def test_an_effect_is_no_noise(make_campaign):
     campaign = make_campaign(5, [Effect('quadratic_damping', {'coefficient': 60.0})], duration=0.9)
     assert noise_left(baseline(campaign)) == {}
+
+
+def test_a_drift_that_all_recordings_share_is_likelier_than_slow_noise(make_campaign, clean):
+    noisy = with_slow_noise(clean, 'acceleration.impactor', 2.0, 0.2)
+    slower = noise_left(baseline(noisy))
+    assert list(slower) == ['acceleration.impactor']
+    drift = Effect('zero_drift', {'rate': 0.3}, 'acceleration.impactor')
+    for campaign, true in ((make_campaign(5, [drift], duration=0.9), True), (noisy, False)):
+        plain = baseline(campaign)
+        able = candidates(plain, ['linear_sensor'])
+        added = next(
+            c for c in able if c.name == 'zero_drift' and c.channel == 'acceleration.impactor'
+        )
+        model = added.extend(plain.model)
+        x = np.array([f.to_inner(plain.values.get(f.key, f.start)) for f in model.free])
+        found = fit(model, plain.layout, x)
+        assert likelier(found, baseline(campaign, slower), slower) is true
 
 
 @pytest.mark.parametrize(

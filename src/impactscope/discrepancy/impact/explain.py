@@ -28,7 +28,7 @@ from impactscope.discrepancy.impact.follow import fit_baseline, held_out_fit, pr
 from impactscope.discrepancy.impact.outcome import Outcome, with_findings
 from impactscope.discrepancy.impact.ranking import ranked, share_of_known, weaker
 from impactscope.discrepancy.impact.search import Search
-from impactscope.discrepancy.impact.slow_noise import noise_left
+from impactscope.discrepancy.impact.slow_noise import likelier, noise_left
 from impactscope.discrepancy.locate import locate
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
@@ -56,12 +56,15 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
     if near and (outcome.accepted or _unexplained(outcome, thresholds)[0]):
         slower = noise_left(_without_slow(data, outcome))
         if slower:
-            data = prepare(campaign, slower)
+            told = prepare(campaign, slower)
 
             def again(share: float, text: str) -> None:
                 progress(0.9 + 0.05 * share, f'with slower noise: {text}')
 
-            outcome = _searched(campaign, data, thresholds, again)
+            other = _searched(campaign, told, thresholds, again)
+            explained = outcome.accepted and not _unexplained(outcome, thresholds)[0]
+            if not (explained and likelier(outcome.final, other.final, slower)):
+                data, outcome = told, other
     progress(0.95, 'regions')
     return _answer(campaign, data, outcome, thresholds)
 

@@ -22,7 +22,7 @@ from impactscope.discrepancy.impact.data import BlowData
 from impactscope.discrepancy.impact.fit import Fit
 from impactscope.discrepancy.impact.noise import Colour, whitener
 
-__all__ = ['noise_left']
+__all__ = ['likelier', 'noise_left']
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -33,6 +33,7 @@ _STRUCK = 0.03  # s after the onset, from which a channel counts that has no qui
 _WITHIN = 0.02  # s, to either side
 _FEWEST = 60  # bins
 _GAIN = 16.0  # twice the logarithm of the likelihood, from which noise is slower than was known
+_AHEAD = 8.0  # the same, by which findings are likelier than slower noise in their place
 _DENIED = (
     3.0  # logarithm of the likelihood, by which the quiet before the blows may speak against it
 )
@@ -79,6 +80,29 @@ def noise_left(found: Fit) -> dict[str, Colour]:
     return slower
 
 
+def likelier(found: Fit, instead: Fit, slower: Mapping[str, Colour]) -> bool:
+    """Whether findings explain better what slower noise explains without them.
+
+    Each in the noise that suits it best: a drift that all recordings share is hardly noise.
+
+    Args:
+        found: a fit with the findings, in the noise that was known.
+        instead: a fit without them, in slower noise.
+        slower: that noise, by channel.
+    """
+    ahead = 0.0
+    for name, colour in slower.items():
+        mine, known, rate = _at_rest(found, name)
+        other, _, _ = _at_rest(found, name, instead)
+        if known is None or not mine:
+            return False
+        with_findings = [s for s, _ in mine]
+        own = _slower(with_findings, known, rate) or known
+        best = max(_likelihood(with_findings, c) for c in (known, own))
+        ahead += best - max(_likelihood([s for s, _ in other], c) for c in (colour, own))
+    return 2.0 * ahead > _AHEAD
+
+
 def _others_met(found: Fit, name: str) -> bool:
     """Whether all channels but one are left with no more than noise."""
     parts = [found.residuals[s] for (_, other), s in found.layout.spans.items() if other != name]
@@ -87,13 +111,16 @@ def _others_met(found: Fit, name: str) -> bool:
 
 
 def _at_rest(
-    found: Fit, name: str
+    found: Fit, name: str, instead: Fit | None = None
 ) -> tuple[list[tuple[_Stretch, _Stretch | None]], Colour | None, float]:
     """What is left of a channel while nothing moves, the noise as it was taken, the rate.
 
-    Of each blow all of it, and what lies before the blow where that is compared at all.
+    Of each blow all of it, and what lies before the blow where that is compared at all; of another
+    fit ``instead`` what it leaves of the same stretches.
     """
     model, values = found.model, found.values
+    instead = found if instead is None else instead
+    other = dataclasses.replace(instead.model, data=model.data)  # by the same bins
     stretches: list[tuple[_Stretch, _Stretch | None]] = []
     known: Colour | None = None
     rate = math.nan
@@ -103,6 +130,7 @@ def _at_rest(
         if channel is None:
             continue
         predicted = model.predict(values, i).means
+        left_by = predicted if instead is found else other.predict(instead.values, i).means
         since = channel.centres - blow.onset
         mask = found.layout.masks[i, name]
         quiet = since < -_BEFORE
@@ -121,7 +149,7 @@ def _at_rest(
         whole = _Stretch(
             channel.centres,
             channel.counts,
-            channel.means - predicted[name],
+            channel.means - left_by[name],
             np.maximum(channel.std**2 - noise, 0.0),
         )
         before = mask & (since < 0.0)
