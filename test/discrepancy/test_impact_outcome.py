@@ -1,5 +1,6 @@
 """What counts as evidence for a finding of the bench search."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -66,3 +67,29 @@ def test_a_fixture_that_vanishes_at_infinity_is_taken_out_from_where_it_leads(ma
     assert astray.chi_square > joint.chi_square + 100.0
     found = settled_without(joint, [fixture], astray)
     assert found.chi_square == pytest.approx(plain.chi_square, abs=0.5)
+
+
+def test_a_fixture_that_only_told_how_long_a_tap_was_tells_it_to_the_fit_without(make_campaign):
+    campaign = make_campaign(6)
+    plain = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    wrong = dataclasses.replace(
+        plain.model,
+        constants={**plain.model.constants, 'tap_duration@0': 0.016},  # others: 4.5 ms
+    )
+    astray = fit(wrong, plain.layout, plain.x)
+    assert astray.chi_square > plain.chi_square + 100.0
+    listed = candidates(astray, campaign.baseline_names)
+    fixture = next(c for c in listed if c.name == 'base_compliance')
+    model = fixture.extend(wrong)
+    told = {
+        **plain.values,
+        'base_compliance.mass': 5e3,
+        'base_compliance.frequency': 100.0,
+        'tap_duration@0': plain.model.constants['tap_duration@0'],
+    }
+    joint = fit(
+        model, plain.layout, np.array([f.to_inner(told.get(f.key, f.start)) for f in model.free])
+    )
+    found = settled_without(joint, [fixture], astray)
+    assert found.chi_square < plain.chi_square + 5.0
+    assert found.model.constants['tap_duration@0'] == pytest.approx(joint.values['tap_duration@0'])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -107,12 +108,16 @@ def _places(candidate: Candidate, joint: Fit) -> int:
 
 def with_findings(outcome: Outcome, chosen: Sequence[Candidate], layout: Layout) -> Fit:
     """The baseline with some of the findings, fitted over a window."""
+    known = outcome.final.model.constants
     model = outcome.baseline.model
+    # the taps may be known better by now
+    constants = {k: known.get(k, v) for k, v in model.constants.items()}
+    model = dataclasses.replace(model, constants=constants)
     for candidate in chosen:
         model = candidate.extend(model)
     fits = []
-    for known in (outcome.final.values, outcome.baseline.values):
-        x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
+    for values in (outcome.final.values, outcome.baseline.values):
+        x = np.array([f.to_inner(values.get(f.key, f.start)) for f in model.free])
         fits.append(fit(model, layout, x, settled=0.1, near=outcome.final))
         if fits[-1].reduced < QUIET:
             break
@@ -127,7 +132,9 @@ def settled_without(joint: Fit, gone: Sequence[Candidate], without: Fit) -> Fit:
 
     A finding whose size is no more than its own uncertainty cannot explain many units of
     chi-square: the fit without it stands in another minimum. The fit with it tells where the
-    numbers go as the finding vanishes, and from there the fit without it is taken again.
+    numbers go as the finding vanishes, and from there the fit without it is taken again. What the
+    finding has freed beside itself (how long a tap was) stays as it was fitted: it may be all that
+    was wrong.
 
     Args:
         joint: a fit with them.
@@ -139,6 +146,7 @@ def settled_without(joint: Fit, gone: Sequence[Candidate], without: Fit) -> Fit:
         return without
     keys = {f.key: j for j, f in enumerate(joint.model.free)}
     moves = np.zeros(joint.x.size)
+    beside: dict[str, float] = {}  # what the findings have freed beside themselves, as fitted
     for candidate in gone:
         for key, absent in candidate.amplitudes.items():
             if key not in keys:
@@ -151,14 +159,20 @@ def settled_without(joint: Fit, gone: Sequence[Candidate], without: Fit) -> Fit:
             if not math.isfinite(absent) or (free.logarithmic and absent <= 0.0):
                 return without
             moves[keys[key]] = free.to_inner(absent) - joint.x[keys[key]]
-        for free in candidate.free:
-            if free.prior is not None and free.key in keys and candidate.amplitudes:
+        for free in candidate.free if candidate.amplitudes else ():
+            if free.prior is None or free.key not in keys or free.key in candidate.amplitudes:
+                continue
+            if free.key in without.model.constants:
+                beside[free.key] = joint.values[free.key]
+            else:
                 moves[keys[free.key]] = free.to_inner(free.prior[0]) - joint.x[keys[free.key]]
     if not np.any(moves):
         return without
     kept = [keys[f.key] for f in without.model.free if f.key in keys]
     if len(kept) != without.x.size:
         return without
+    model = without.model
+    model = dataclasses.replace(model, constants={**model.constants, **beside})
     slopes = joint.jacobian
     left = joint.residuals + slopes @ moves
     scale = np.maximum(np.linalg.norm(slopes[:, kept], axis=0), 1e-300)
@@ -167,5 +181,5 @@ def settled_without(joint: Fit, gone: Sequence[Candidate], without: Fit) -> Fit:
     expected = float(foreseen @ foreseen) - joint.chi_square
     if gain < _UNBORNE * max(expected, 1.0):
         return without
-    again = fit(without.model, without.layout, joint.x[kept] + answer / scale, settled=0.1)
+    again = fit(model, without.layout, joint.x[kept] + answer / scale, settled=0.1)
     return again if again.chi_square < without.chi_square else without
