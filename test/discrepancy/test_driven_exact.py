@@ -107,6 +107,21 @@ def test_ac_coupling_of_the_output_is_no_asymmetric_spring():
     assert abs(corner.value - 0.15) < 4 * corner.std
 
 
+def test_a_cubic_spring_is_found_in_a_channel_that_drifts_far():
+    """The drift alone leaves many times the noise, and slow modes explain most of it."""
+    ramp = 8.0 * np.arange(SAMPLES) / RATE
+
+    def law(x, _v):
+        return 4e7 * x**3
+
+    answer = explain_driven(made(4, law, chain=lambda y: y + ramp))
+    assert set(answer.accepted) == {'hardening_spring', 'zero_drift'}
+    found = {f.name: f.parameters for f in answer.ranking}
+    for name, number, true in (('hardening_spring', 'cubic', 4e7), ('zero_drift', 'rate', 8.0)):
+        told = found[name][number]
+        assert abs(told.value - true) < 4 * told.std
+
+
 def test_stiffness_that_differs_between_recordings_is_unknown():
     laws = [lambda x, _v, s=s: s * STIFFNESS * x for s in (0.0, 5e-4, -5e-4, 0.0)]
     answer = explain_driven(made(4, laws=laws))

@@ -44,6 +44,7 @@ NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the bes
 FAR = 10.0  # times the samples: chi-square from which a search goes on from what was found
 POLISHED = 'polished'
 DELAYS = ('clock_error', 'low_pass_filter')
+EDGE = 64  # samples at either end
 FORM = 0.01  # of what a delay gains, that its form leaves open
 FIRST_ORDER = 2  # of the low-pass that is looked for before its other orders are
 LATE = {
@@ -370,11 +371,12 @@ def _other_asymmetry(fits: _Fits, best: Fit, judge: Judge) -> Fit:
     return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))
 
 
-def _one_delay(fits: _Fits, best: Fit, judge: Judge) -> Fit:
+def _one_delay(fits: _Fits, best: Fit, judge: NoiseJudge) -> Fit:
     """A clock and a filter of which one does nearly all are one delay of a form not quite known.
 
     Together each can be large and undo the other; what they gain beyond one alone is then no
-    more than the form of the filter (analogue, of samples, its order) leaves open.
+    more than the form of the filter (analogue, of samples, its order) leaves open, or is gained
+    where a recording begins or ends.
     """
     both = [t for t in best.terms if t.name in DELAYS]
     if len(both) < len(DELAYS):
@@ -390,8 +392,23 @@ def _one_delay(fits: _Fits, best: Fit, judge: Judge) -> Fit:
     if not alone:
         return best
     one = min(alone, key=lambda f: judge.criterion(f, fits.baseline))
-    beyond, whole = judge.gain(one, best).fitted, judge.gain(rest, best).fitted
-    return fits.polish(one) if beyond < FORM * whole else best
+    gain, whole = judge.gain(one, best), judge.gain(rest, best).fitted
+    inside = _inside(one, best, fits.segments)
+    slight = gain.fitted < FORM * whole or inside < judge.needed(gain)
+    return fits.polish(one) if slight else best
+
+
+def _inside(one: Fit, other: Fit, segments: Sequence[Segment]) -> float:
+    """Fall of chi-square from one fit to another, but for the first and last samples.
+
+    What a delay does there hangs on what came before, which nobody has recorded.
+    """
+    gain = 0.0
+    for s, old, new in zip(segments, one.residuals, other.residuals, strict=True):
+        if not s.held_out:
+            fall = innovations(s, old) ** 2 - innovations(s, new) ** 2
+            gain += float(np.sum(fall[EDGE:-EDGE]))
+    return gain
 
 
 def _against_rivals(fits: _Fits, best: Fit, judge: Judge) -> Fit:

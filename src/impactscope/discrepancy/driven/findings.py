@@ -105,7 +105,9 @@ def _confused(
             continue
         if extra <= 0 and p < s.judge.thresholds.confusable * top:
             continue
-        found += [t.name for t in made.terms if t.name not in best]
+        new = [t.name for t in made.terms if t.name not in best]
+        if extra <= 0 or len(new) == 1:  # what a richer rival has beside is no stand-in
+            found += new
     return tuple(dict.fromkeys(found))
 
 
@@ -151,15 +153,16 @@ def _open(s: Subject, made: Fit) -> bool:
         return True
     if gain < -HINT:
         return False
-    value, std = made.values, made.std
-    if 'asymmetric_friction.force_forward' in value:
-        ways = ('asymmetric_friction.force_forward', 'asymmetric_friction.force_backward')
-        scatter = math.hypot(*(std[w] for w in ways))
-        apart = abs(value[ways[0]] - value[ways[1]]) + 2.0 * scatter
-        return apart > APART * (value[ways[0]] + value[ways[1]])
-    if 'stribeck_friction.excess_force' in value:
-        excess, kinetic = 'stribeck_friction.excess_force', 'stribeck_friction.kinetic_force'
-        return value[excess] + 2.0 * std[excess] > EXCESS * value[kinetic]
+    for term in made.terms:
+        value = {n.name: made.values[key(term, n)] for n in term.numbers}
+        std = {n.name: made.std[key(term, n)] for n in term.numbers}
+        if term.name == 'asymmetric_friction':
+            one, other = 'force_forward', 'force_backward'
+            apart = abs(value[one] - value[other]) + 2.0 * math.hypot(std[one], std[other])
+            return apart > APART * (value[one] + value[other])
+        if term.name == 'stribeck_friction' and 'excess_force' in value:
+            excess = value['excess_force'] + 2.0 * std['excess_force']
+            return excess > EXCESS * value['kinetic_force']
     return False
 
 

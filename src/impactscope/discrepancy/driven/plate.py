@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 
 from impactscope.discrepancy.driven.case import Case
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
@@ -136,9 +137,10 @@ def _noise(parts: Sequence[Cut], segments: Sequence[Segment], made: Fit) -> floa
 def white_level(residual: Array) -> float:
     """Standard deviation of the white part of a residual, shape (n,).
 
-    From the median of its spectrum: lines and bands do not count, steps of a converter do.
+    From the median of its spectrum: lines and bands do not count, steps of a converter do. A drift
+    does not either, whose ends would leak into all of it.
     """
-    power = np.abs(np.fft.rfft(residual)[1:-1]) ** 2 / residual.size
+    power = np.abs(np.fft.rfft(signal.detrend(residual))[1:-1]) ** 2 / residual.size
     return float(np.sqrt(np.median(power) / math.log(2.0)))
 
 

@@ -24,7 +24,7 @@ from impactscope.discrepancy.driven.case import Case
 from impactscope.discrepancy.driven.chain import ChainModel, chain_case
 from impactscope.discrepancy.driven.describe import describe
 from impactscope.discrepancy.driven.exact import exact_search
-from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.fitting import Fit, fit
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment
 from impactscope.discrepancy.driven.moved import MovedModel, moved_case
 from impactscope.discrepancy.driven.noise_judge import OWN, PRICE, reduced, slight
@@ -52,6 +52,7 @@ AT_ALL_NOISE = 300.0  # the same under other forces, where a hum or a filter may
 # reduced chi-square below which what was taken for noise is not: signals that the motion was
 # thought to spare were counted in
 OVERSTATED = 0.5
+LEVELS = ('offset', 'zero_drift')  # effects that only shift a channel
 NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
 HOPELESS = 8.0  # reduced chi-square that no better knowledge of the noise brings down to it
 REPEATS = 2  # searches with noise that is known better
@@ -83,11 +84,24 @@ def plate_answer(
     case = plate_under_hammer(whole, model, segments, linear)
     if case is None:
         return None, False
-    near = OVERSTATED * _counting(case) < reduced(case.judge, case.baseline) < MOSTLY_NOISE
+    seed = None
+    if reduced(case.judge, case.baseline) >= MOSTLY_NOISE:
+        seed = _levelled(case)  # a channel that drifts far hides that all else is noise
+    start = seed or case.baseline
+    near = OVERSTATED * _counting(case) < reduced(case.judge, start) < MOSTLY_NOISE
     if not near and plain_noise(case) is None:
         return None, False
-    answer, _, sure = _exact(campaign, case, notes, tell)
+    answer, _, sure = _exact(campaign, case, notes, tell, seed=seed if near else None)
     return answer, sure
+
+
+def _levelled(case: Case) -> Fit:
+    """The baseline with an offset, a drift or both of the channel: what leaves least."""
+    terms = [t for t in case.model.terms if t.name in LEVELS and t.output and not t.own]
+    base = case.baseline
+    tries = [(), *((t,) for t in terms), *([tuple(terms)] if len(terms) == len(LEVELS) else [])]
+    fits = [fit(case.model, t, case.segments, base.values, base.starts) for t in tries]
+    return min(fits, key=lambda f: reduced(case.judge, f))
 
 
 def mass_answer(
