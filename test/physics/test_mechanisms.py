@@ -177,6 +177,14 @@ def test_low_pass_has_its_gain_at_the_cutoff(zero_phase):
     assert (delayed == 0) == bool(zero_phase)
 
 
+def test_ac_coupling_takes_corners_that_a_slow_channel_cannot_show():
+    """A search may ask a channel of 1 kHz for a corner of as much."""
+    kind, samples = mechanism('ac_coupling'), np.random.default_rng(1).standard_normal(200)
+    out = [kind.distort(samples, 1000.0, {'corner': c}) for c in (490.0, 500.0, 1000.0)]
+    assert all(np.array_equal(o, out[0]) for o in out)
+    assert np.std(out[0]) < np.std(samples)
+
+
 def test_ac_coupling_forgets_a_step_with_its_time_constant():
     kind, rate, corner = mechanism('ac_coupling'), 10_000.0, 1.0
     step = np.r_[np.full(10, 3.0), np.full(20_000, 8.0)]

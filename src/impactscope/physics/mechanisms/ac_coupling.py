@@ -9,12 +9,15 @@ from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter
 
 __all__ = ['MECHANISM']
 
+HIGHEST = 0.49  # of the sampling rate
+
 
 def _distort(samples: Array, sample_rate: float, values: Values) -> Array:
     corner = values['corner']
     if corner == 0:
         return samples
-    b, a = signal.butter(1, corner, btype='high', fs=sample_rate)
+    # samples show no corner beyond half their rate
+    b, a = signal.butter(1, min(corner, HIGHEST * sample_rate), btype='high', fs=sample_rate)
     start = np.array([-b[0] * samples[0]])  # settled at the first sample: nothing passes
     return np.asarray(signal.lfilter(b, a, samples, zi=start)[0])
 
