@@ -271,7 +271,12 @@ def springs_of_axis(s: Sizes) -> list[Term]:
                 0.0,
             ),
         ),
-        dataclasses.replace(known['hardening_spring'], excludes=frozenset()),
+        dataclasses.replace(
+            known['hardening_spring'],
+            sentence='A force that grows with the cube of the position brings the axis back.',
+            equation='k3 x^3 beside the other forces',
+            excludes=frozenset(),
+        ),
         known['end_stop'],
     ]
 
