@@ -9,7 +9,7 @@ import numpy as np
 
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import Campaign, CampaignKind
-from impactscope.discrepancy.driven.beginnings import (
+from impactscope.discrepancy.driven.baseline import (
     linear_start,
     stated_modes,
     with_known,
@@ -59,14 +59,15 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     tell(0.02, 'fitting the baseline')
     campaign = with_right_signs(campaign)
     notes = list(campaign.notes)
-    parts, model, segments, linear = linear_start(campaign, notes)
+    begun = linear_start(campaign, notes)
+    parts, model, segments, linear = begun.parts, begun.model, begun.segments, begun.linear
     answer: Answer | None = None
     sure = False
     coarse = campaign.kind is CampaignKind.DRIVEN and _coarse(linear, segments)
-    if campaign.kind is CampaignKind.DRIVEN and isinstance(model, OscillatorModel):
-        answer, sure = plate_answer(campaign, parts, model, segments, linear, tell)
+    if campaign.kind is CampaignKind.DRIVEN:
+        answer, sure = plate_answer(campaign, begun, tell)
         if answer is None and not coarse:
-            answer, sure = mass_answer(campaign, parts, model, segments, linear, tell)
+            answer, sure = mass_answer(campaign, begun, tell)
     elif campaign.kind is CampaignKind.PRESCRIBED_MOTION:
         answer, sure = motion_answer(campaign, parts, notes, tell)
     elif isinstance(model, ChainModel):
@@ -120,7 +121,7 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     ):
         tell(0.85, 'searching to the noise')
         seed = outcome.best if outcome.believed else None
-        exact, sure = mass_answer(campaign, parts, model, segments, linear, tell, seed)
+        exact, sure = mass_answer(campaign, begun, tell, seed)
         if exact is not None and sure and not hollow(exact):
             return exact
     tell(0.95, 'describing')

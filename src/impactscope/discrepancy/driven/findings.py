@@ -71,7 +71,7 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
     for term in new:
         rivals = _confused(s, term.name, best, fits, weight)
         words = _same_law(s, term)
-        if 'offset' in rivals and _loads_axis(s):
+        if 'offset' in rivals and _on_axis(s):
             words = (*words, 'gravity_load')  # a constant force on an axis may be a weight
         rivals = tuple(dict.fromkeys((*rivals, *words)))
         likely = share[term.name] + _in_other_words(term.name, words, fits, weight)
@@ -127,12 +127,13 @@ def _same_law(s: Subject, term: Term) -> tuple[str, ...]:
         found = ('coulomb_friction', 'offset')
     elif term.label in {'coulomb_friction', 'offset'} and {'coulomb_friction', 'offset'} <= labels:
         found = ('asymmetric_friction',)
-    if term.label == 'offset' and _loads_axis(s):
+    if term.label == 'offset' and _on_axis(s):
         found = (*found, 'gravity_load')
     return found
 
 
-def _loads_axis(s: Subject) -> bool:
+def _on_axis(s: Subject) -> bool:
+    """Whether nothing brings the mass back."""
     return isinstance(s.model, OscillatorModel) and not s.model.free and s.model.drifts
 
 

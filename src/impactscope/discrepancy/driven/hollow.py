@@ -9,7 +9,7 @@ import numpy as np
 
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import Campaign
-from impactscope.discrepancy.driven.beginnings import FREE
+from impactscope.discrepancy.driven.baseline import FREE
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.search import Outcome

@@ -185,13 +185,6 @@ class _Fits:
             self.known[names] = best
         return self.known[names]
 
-    def again(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> None:
-        """Fit these terms from other values, too, which may be the better place."""
-        names, values = _labels(terms), {**base.values, **initial}
-        made = fit(self.model, terms, self.segments, values, base.starts)
-        if names not in self.known or made.cost < self.known[names].cost:
-            self.known[names] = made
-
 
 def search(
     model: Model,
@@ -306,7 +299,7 @@ def _evened(fits: _Fits, best: Fit) -> bool:
     fits.make(best, (*rest, even), initial)
     if load.stands_with(even) and all(load.stands_with(t) for t in rest):
         initial[key(load, load.numbers[0])] = 0.5 * (forces[-1] - forces[0])
-        fits.again(best, (*rest, even, load), initial)
+        fits.make(best, (*rest, even, load), initial)
     return True
 
 

@@ -13,8 +13,9 @@ import numpy as np
 
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import Campaign
-from impactscope.discrepancy.driven.beginnings import (
+from impactscope.discrepancy.driven.baseline import (
     MOST_OF_PLATE,
+    Start,
     held_between_samples,
     sprung,
     stated_modes,
@@ -66,22 +67,17 @@ SURE = 6.0  # standard deviations of it
 LEVEL = 0.02  # relative change of the noise's level that matters
 
 
-def plate_answer(
-    campaign: Campaign,
-    parts: Sequence[Cut],
-    model: OscillatorModel,
-    segments: Sequence[Segment],
-    linear: Fit,
-    tell: Progress,
-) -> tuple[Answer | None, bool]:
+def plate_answer(campaign: Campaign, begun: Start, tell: Progress) -> tuple[Answer | None, bool]:
     """The answer for a plate under a hammer; None if it is none or leaves far more than noise."""
-    if 'stiffness' not in linear.values or stated_modes(campaign) > 1:
+    parts, model, linear = begun.parts, begun.model, begun.linear
+    several = stated_modes(campaign) > 1
+    if several or not isinstance(model, OscillatorModel) or 'stiffness' not in linear.values:
         return None, False
     notes = list(campaign.notes)
     whole = cuts(campaign, [parts[0].channel], parts[0].drive_channel, notes, MOST_OF_PLATE)
     if len(whole) != len(parts):
         return None, False
-    case = plate_under_hammer(whole, model, segments, linear)
+    case = plate_under_hammer(whole, model, begun.segments, linear)
     if case is None:
         return None, False
     seed = None
@@ -105,19 +101,14 @@ def _levelled(case: Case) -> Fit:
 
 
 def mass_answer(
-    campaign: Campaign,
-    parts: Sequence[Cut],
-    model: OscillatorModel,
-    segments: Sequence[Segment],
-    linear: Fit,
-    tell: Progress,
-    seed: Fit | None = None,
+    campaign: Campaign, begun: Start, tell: Progress, seed: Fit | None = None
 ) -> tuple[Answer | None, bool]:
     """The answer for a mass under any force, or free; None if far more than noise is left.
 
     ``seed``: what another search has found, to go on from.
     """
-    if stated_modes(campaign) > 1:
+    parts, model, segments, linear = begun.parts, begun.model, begun.segments, begun.linear
+    if stated_modes(campaign) > 1 or not isinstance(model, OscillatorModel):
         return None, False
     notes = list(campaign.notes)
     channels = list(dict.fromkeys(p.channel for p in parts))

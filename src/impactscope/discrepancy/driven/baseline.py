@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from impactscope.errors import ConfigurationError
 __all__ = [
     'FREE',
     'MOST_OF_PLATE',
+    'Start',
     'held_between_samples',
     'linear_start',
     'sprung',
@@ -43,18 +45,26 @@ LINEAR = (
 MOST_OF_PLATE = 150_000  # samples of all fitted recordings of a plate under a hammer
 
 
-def linear_start(
-    campaign: Campaign, notes: list[str]
-) -> tuple[list[Cut], Model, list[Segment], Fit]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """Usable parts of the recordings, the model and its segments, and the linear baseline."""
+
+    parts: list[Cut]
+    model: Model
+    segments: list[Segment]
+    linear: Fit
+
+
+def linear_start(campaign: Campaign, notes: list[str]) -> Start:
     """Usable parts of the recordings, the model, and the fitted linear baseline."""
     bench = campaign.bench
     if campaign.kind is CampaignKind.PRESCRIBED_MOTION:
         parts = cuts(campaign, [str(bench['output'])], str(bench['motion']), notes)
-        return parts, *linear_prescribed(parts, spring=sprung(campaign))
+        return Start(parts, *linear_prescribed(parts, spring=sprung(campaign)))
     if campaign.kind is CampaignKind.CHAIN:
         names = [str(bench['output'])], str(bench['input'])
         parts = cuts(campaign, *names, notes, MOST_OF_PLATE)
-        return parts, *linear_chain(parts)
+        return Start(parts, *linear_chain(parts))
     drive = str(bench.get('input', ''))
     drive = '' if drive.lower() in FREE else drive
     parts = cuts(campaign, [str(name) for name in bench['outputs']], drive, notes)
@@ -63,7 +73,8 @@ def linear_start(
         raise ConfigurationError(
             f'{campaign.name}: a free motion without restoring force shows nothing'
         )
-    return parts, *linear_oscillator(parts, spring=spring, held=held_between_samples(campaign))
+    held = held_between_samples(campaign)
+    return Start(parts, *linear_oscillator(parts, spring=spring, held=held))
 
 
 def with_known(campaign: Campaign, model: Model, segments: Sequence[Segment], linear: Fit) -> Fit:
