@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy import signal
 
 from impactscope.discrepancy.campaign import ChannelSamples
@@ -29,30 +30,43 @@ def course(seconds, amplitude, rng):
     return np.concatenate(made)[: int(seconds * RATE)]
 
 
-def axis(reference, friction, load=0.0, back=None, base=None):
+NO_SPRING = (0.0, 0.0, 0.0, np.inf)  # linear, cubic, of a stop, its travel
+NO_BASE = (np.inf, 0.0, 0.0)  # mass, stiffness, damping
+
+
+@njit
+def pulled_back(x, spring):
+    """Force at a position that the axis is said not to have."""
+    linear, cubic, stop, travel = spring
+    beyond = max(abs(x) - travel, 0.0)
+    return linear * x + cubic * x**3 + stop * np.sign(x) * beyond
+
+
+@njit
+def axis(reference, friction, load, spring, base):
     """Encoder positions and commanded forces; exact sliding at small steps, friction implicit.
 
-    ``back``: force at a position that the axis is said not to have; ``base``: mass, stiffness and
-    damping of a base on which drive and guide stand.
+    ``spring``: see ``pulled_back``; ``base``: on which drive and guide stand.
     """
     step = 1.0 / (RATE * FINE)
     keep = np.exp(-step * DAMPING / MASS)
     push = (1.0 - keep) / DAMPING
+    under, stiffness, damping = base
     x = reference[0] - load / (SPEED_GAIN * STIFF)  # where the controller holds the load
     v = speed = sway = sway_speed = 0.0
-    last = STEP * round(x / STEP)
-    positions, forces = [], []
-    for wanted in reference:
-        read = STEP * round(x / STEP)
+    last = STEP * np.rint(x / STEP)
+    positions = np.empty(reference.size)
+    forces = np.empty(reference.size)
+    for i in range(reference.size):
+        read = STEP * np.rint(x / STEP)
         speed += 0.5 * ((read - last) * RATE - speed)
         last = read
-        force = SPEED_GAIN * (STIFF * (wanted - read) - speed)
-        positions.append(read)
-        forces.append(force)
+        force = SPEED_GAIN * (STIFF * (reference[i] - read) - speed)
+        positions[i] = read
+        forces[i] = force
         for _ in range(FINE):
-            pull = force - load - (back(x) if back else 0.0)
-            if base:
-                under, stiffness, damping = base
+            pull = force - load - pulled_back(x, spring)
+            if under < np.inf:
                 beside = -(pull - DAMPING * v + stiffness * sway + damping * sway_speed) / under
                 pull -= MASS * beside
                 sway_speed += step * beside
@@ -61,7 +75,7 @@ def axis(reference, friction, load=0.0, back=None, base=None):
             new = np.sign(free) * max(abs(free) - push * friction, 0.0)
             x += 0.5 * step * (v + new)
             v = new
-    return np.array(positions), np.array(forces)
+    return positions, forces
 
 
 def closed_loop(
@@ -71,8 +85,8 @@ def closed_loop(
     load=0.0,
     late=0,
     hum=0.0,
-    back=None,
-    base=None,
+    spring=NO_SPRING,
+    base=NO_BASE,
     wander=0.0,
     smooth=0.0,
 ):
@@ -81,7 +95,7 @@ def closed_loop(
     for i in range(3):
         file = f'r{i}.mcap'
         reference = course(4.0, 0.05, rng)
-        positions, forces = axis(reference, friction, load, back, base)
+        positions, forces = axis(reference, friction, load, spring, base)
         positions = np.concatenate([np.full(late, positions[0]), positions])[: positions.size]
         if smooth:
             positions = signal.filtfilt(*signal.butter(1, smooth, fs=RATE), positions)
@@ -167,7 +181,7 @@ def test_a_low_pass_of_the_encoder_that_runs_both_ways():
 
 
 def test_a_spring_that_the_axis_is_said_not_to_have():
-    answer = explain_driven(closed_loop(11, back=lambda x: 40.0 * x))
+    answer = explain_driven(closed_loop(11, spring=(40.0, 0.0, 0.0, np.inf)))
     assert answer.accepted == ('restoring_force',)
     assert answer.findings[0].subsystem == 'impactor'
     stiffness = answer.findings[0].parameters['stiffness']
@@ -176,16 +190,14 @@ def test_a_spring_that_the_axis_is_said_not_to_have():
 
 
 def test_a_spring_that_grows_with_the_cube():
-    answer = explain_driven(closed_loop(12, back=lambda x: 4e5 * x**3))
+    answer = explain_driven(closed_loop(12, spring=(0.0, 4e5, 0.0, np.inf)))
     assert answer.accepted == ('hardening_spring',)
     cubic = answer.findings[0].parameters['cubic']
     assert abs(cubic.value - 4e5) < 4.0 * cubic.std
 
 
 def test_a_stop_on_each_side():
-    answer = explain_driven(
-        closed_loop(13, back=lambda x: 3e3 * np.sign(x) * max(abs(x) - 0.02, 0.0))
-    )
+    answer = explain_driven(closed_loop(13, spring=(0.0, 0.0, 3e3, 0.02)))
     assert answer.accepted == ('end_stop',)
     travel = answer.findings[0].parameters['travel']
     assert travel.value == pytest.approx(0.02, abs=4.0 * travel.std)
