@@ -73,6 +73,21 @@ def test_held_by_friction_until_the_load_exceeds_it():
     assert out[-1, 0] == pytest.approx(t**3 / 6, rel=2e-3)
 
 
+@pytest.mark.parametrize('friction', [0.0, 0.4])
+@pytest.mark.parametrize('held', [True, False])
+def test_a_linear_mass_goes_the_way_of_the_general_law(friction, held):
+    """A cube too small to act makes the same motion go through the general step."""
+    rng = np.random.default_rng(4)
+    force = np.convolve(rng.normal(size=2000), np.hanning(60) / 10.0, 'same')
+    numbers = {'STIFFNESS': 900.0, 'DAMPING': 2.0, 'INPUT_OFFSET': 0.1}
+    numbers |= {'KINETIC_FORWARD': friction, 'KINETIC_BACKWARD': 0.7 * friction}
+    quick = simulate(parameters(**numbers), force, 1e-3, -0.02, held=held)
+    usual = simulate(parameters(**numbers, CUBIC=1e-30), force, 1e-3, -0.02, held=held)
+    if friction:
+        assert np.any(quick[:, 1] == 0.0)  # it sticks now and then
+    np.testing.assert_allclose(quick, usual, rtol=0.0, atol=1e-11 * np.max(np.abs(usual)))
+
+
 def test_hardening_spring_keeps_its_energy():
     p = parameters(STIFFNESS=1000.0, CUBIC=1e7)
     out = simulate(p, np.zeros(3000), x=0.02, steps=6)

@@ -256,6 +256,42 @@ def _rough_step(
     return x, v, h, way
 
 
+@law
+def _linear(p: Array) -> bool:
+    """Whether nothing but dry friction of one level a way keeps the mass from being linear."""
+    spring = p[SQUARE] != 0.0 or p[CUBIC] != 0.0 or p[GAP] > 0.0 or p[STOP_STIFFNESS] > 0.0
+    damper = p[QUADRATIC_DAMPING] != 0.0 or p[SKEW_DAMPING] != 0.0 or p[STATIC_EXCESS] > 0.0
+    weight = p[SINE] > 0.5 or p[WEIGHT_SINE] != 0.0 or p[WEIGHT_COSINE] != 0.0
+    return not (spring or damper or weight or p[HYSTERESIS_STIFFNESS] != 0.0)
+
+
+@compiled
+def _linear_step(p: Array, dt: float) -> Array:
+    """What :func:`_step` makes of a linear mass, shape (2, 5).
+
+    Position and speed after a step by position and speed before it, and by the force at its
+    beginning, in its middle and at its end.
+    """
+    bare = p.copy()
+    bare[INPUT_OFFSET] = 0.0
+    made = np.zeros((2, 5))
+    for k in range(5):
+        y = np.zeros(5)
+        y[k] = 1.0
+        made[0, k], made[1, k], _ = _step(bare, y[2], y[3], y[4], y[0], y[1], 0.0, 0, dt)
+    return made
+
+
+@law
+def _straight_step(
+    a: Array, x: float, v: float, f0: float, fm: float, f1: float
+) -> tuple[float, float]:
+    """A step of a linear mass under a force."""
+    x1 = a[0, 0] * x + a[0, 1] * v + a[0, 2] * f0 + a[0, 3] * fm + a[0, 4] * f1
+    v1 = a[1, 0] * x + a[1, 1] * v + a[1, 2] * f0 + a[1, 3] * fm + a[1, 4] * f1
+    return x1, v1
+
+
 @compiled
 def run_on_base(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -> bool:
     """As :func:`run`, on a base that gives way and without dry friction.
@@ -298,6 +334,8 @@ def run(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -> bool:
     steps = (u.shape[1] - 1) // 2
     part = dt / steps
     rough = p[KINETIC_FORWARD] != 0.0 or p[KINETIC_BACKWARD] != 0.0 or p[STATIC_EXCESS] > 0.0
+    plain = _linear(p)
+    straight = _linear_step(p, part) if plain else np.zeros((2, 5))
     h = 0.0
     way = 0
     if rough and v != 0.0:
@@ -315,6 +353,15 @@ def run(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -> bool:
             break
         for j in range(steps):
             u0, um, u1 = u[i, 2 * j], u[i, 2 * j + 1], u[i, 2 * j + 2]
+            if plain and (way != 0 or not rough):
+                # as long as it slides one way its friction is one more constant force
+                more = p[INPUT_OFFSET]
+                if way != 0:
+                    more -= p[KINETIC_FORWARD] if way > 0 else -p[KINETIC_BACKWARD]
+                x1, v1 = _straight_step(straight, x, v, u0 + more, um + more, u1 + more)
+                if v1 * way >= 0.0:
+                    x, v = x1, v1
+                    continue
             if rough:
                 x, v, h, way = _rough_step(p, u0, um, u1, x, v, h, way, part)
             else:
