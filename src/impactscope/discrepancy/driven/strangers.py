@@ -23,7 +23,16 @@ from impactscope.discrepancy.driven.noise_judge import innovations, slight
 from impactscope.discrepancy.driven.spectral import Stepped
 from impactscope.discrepancy.driven.tangent import Tangent, tangent
 
-__all__ = ['Group', 'Laws', 'Stranger', 'Verdict', 'equivalent_gain', 'strangers', 'verdict']
+__all__ = [
+    'Group',
+    'Laws',
+    'Stranger',
+    'Verdict',
+    'equivalent_gain',
+    'fitted_numbers',
+    'strangers',
+    'verdict',
+]
 
 Array = NDArray[np.float64]
 Group = tuple[str, list[Array]]  # a law and the whitened changes that span it, each shape (n,)
@@ -86,6 +95,12 @@ def _line(residuals: Sequence[Array], period: float) -> Stranger | None:
     chance = float(stats.chi2.logsf(power[best], 2 * len(residuals))) + math.log(longest)
     gain = float(stats.chi2.isf(math.exp(min(chance, 0.0)), 1)) if chance > -650.0 else 1300.0
     return Stranger(f'a line at {best / (length * period):.4g} Hz', gain, 1)
+
+
+def fitted_numbers(made: Fit, segments: Sequence[Segment]) -> int:
+    """Added numbers without those that the recordings held out have of their own."""
+    share = sum(not s.held_out for s in segments) / len(segments)
+    return made.added - made.own + round(share * made.own)
 
 
 def strangers(
@@ -187,7 +202,7 @@ def verdict(
         left = alone.p_value < FALSE
         return Verdict(left, left, alone, 1.0 - alone.p_value if left else 0.0)
     beside = sought(best)
-    added = best.added - baseline.added
+    added = fitted_numbers(best, segments) - fitted_numbers(baseline, segments)
     # dispersions are known to some tens of per cent: a law must be ahead with them and without
     plain = alone.gain if alone.plain is None else alone.plain
     ahead = alone.worth - equivalent_gain(gain[0], added)
