@@ -200,6 +200,7 @@ def _exact(
     """
     plain = None if case.model.drifts or seed is not None else plain_noise(case)
     best = found = _searched(campaign, plain or case, tell, share, seed)
+    searched = {plain or case}
     for _ in range(COLOURS):
         last = found[1].best
         if plain is not None and not _terms_of(found):
@@ -207,13 +208,17 @@ def _exact(
         if case.model.drifts and not may_be_slow_noise(last, found[2]):
             break
         bare = without_slow_effects(case, last)
-        tries = [
-            knowing_slow_noise(case, made) for made in ((last,) if bare is last else (last, bare))
+        tries = [knowing_slow_noise(case, made) or case for made in dict.fromkeys((last, bare))]
+        # noise that would be less likely even if all else were explained is not looked into
+        likely = [
+            k
+            for k in dict.fromkeys(tries)
+            if k not in searched and whitened_logarithm(k) < _misfit(*best)
         ]
-        if not any(tries) and plain is None:
+        searched.update(likely)
+        if not likely:
             break
-        again = [_searched(campaign, k or case, tell, share) for k in dict.fromkeys(tries)]
-        now = min(again, key=lambda f: _misfit(*f))
+        now = min((_searched(campaign, k, tell, share) for k in likely), key=lambda f: _misfit(*f))
         best = min(best, now, key=lambda f: _misfit(*f))
         if _terms_of(now) == _terms_of(found):
             break
