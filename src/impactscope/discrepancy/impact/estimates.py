@@ -92,7 +92,9 @@ def _at_bound(fitted: Fit, key: str) -> bool:
     if number is None or not number.logarithmic:
         return False
     value = fitted.values[key]
-    return not 1.02 * number.lower < value < 0.98 * number.upper
+    # below, a filter before sampling goes on as one of samples
+    ahead = fitted.values.get(f'{key.rpartition(".")[0]}.ahead', 0.0) > 0.0
+    return not (ahead or 1.02 * number.lower < value) or value > 0.98 * number.upper
 
 
 def stated_value(candidate: Candidate) -> float:

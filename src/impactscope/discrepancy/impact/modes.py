@@ -12,6 +12,8 @@ import contextlib
 import math
 from collections.abc import Mapping, Sequence
 
+from scipy import stats
+
 from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.fit import Fit, fit
@@ -23,6 +25,10 @@ _APART = 1.6  # factor on a number, to either side
 _NARROW = 1.12  # of a frequency: its minima lie closer
 _BETTER = 0.1  # of chi-square
 _OPEN = 8.0  # of chi-square, over the reduced one, up to which a mode is not excluded
+_ALIKE = 0.3  # of chi-square, and of standard deviations, of two fits that are one
+_INTERVAL = 1.96  # standard deviations
+_HELD = 0.95
+_HALVINGS = 30
 
 
 def other_modes(final: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, list[Fit]]:
@@ -48,22 +54,66 @@ def other_modes(final: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, list[
     if best.chi_square > final.chi_square - _BETTER:
         best = final
     allowed = best.chi_square + _OPEN * max(1.0, best.reduced)
-    return best, [f for f in found if f is not best and f.chi_square < allowed]
+    modes: list[Fit] = []
+    for mode in sorted(found, key=lambda f: f.chi_square):
+        if mode is best or mode.chi_square > allowed:
+            continue
+        if not any(_same(mode, other, keys) for other in (best, *modes)):
+            modes.append(mode)
+    return best, modes
+
+
+def _same(mode: Fit, other: Fit, keys: Sequence[tuple[str, float]]) -> bool:
+    """Whether two fits stand in one minimum, as far as the numbers of a shape go."""
+    near = abs(mode.chi_square - other.chi_square) < _ALIKE * max(1.0, other.reduced)
+    return near and all(
+        abs(mode.values[k] - other.values[k]) <= _ALIKE * other.std(k) for k, _ in keys
+    )
 
 
 def widened(
-    parameters: Mapping[str, ParameterEstimate], tag: str, best: Fit, modes: Sequence[Fit]
+    parameters: Mapping[str, ParameterEstimate],
+    tag: str,
+    best: Fit,
+    modes: Sequence[Fit],
+    factors: Mapping[str, float],
 ) -> dict[str, ParameterEstimate]:
-    """Estimates with the spread among modes, each weighed by its likelihood."""
+    """Estimates whose 95 % interval holds 95 % of what the recordings leave likely.
+
+    Args:
+        parameters: as the best fit has them.
+        tag: of their keys.
+        best: the final fit.
+        modes: other fits about as good, each weighed by its likelihood.
+        factors: by key, how many times less well a number is known than slopes say.
+    """
+    likely = [1.0, *(_likelihood(mode, best) for mode in modes)]
+    shares = [share / sum(likely) for share in likely]
     result = dict(parameters)
     for name, item in parameters.items():
         key = f'{tag}.{name}'
-        if key not in best.values or isinstance(item.value, str):
+        if key not in best.values or isinstance(item.value, str) or not item.std > 0.0:
             continue
-        variance = item.std**2
-        for mode in modes:
-            worse = (mode.chi_square - best.chi_square) / max(1.0, best.reduced)
-            share = 1.0 / (1.0 + math.exp(0.5 * max(worse, 0.0)))
-            variance += share * (mode.values[key] - item.value) ** 2
-        result[name] = ParameterEstimate(item.value, math.sqrt(variance), item.unit)
+        std = factors.get(key, 1.0) * item.std
+        away = [0.0, *(abs(mode.values[key] - item.value) for mode in modes)]
+        result[name] = ParameterEstimate(item.value, _spread(std, away, shares), item.unit)
     return result
+
+
+def _likelihood(mode: Fit, best: Fit) -> float:
+    worse = (mode.chi_square - best.chi_square) / max(1.0, best.reduced)
+    return math.exp(-0.5 * max(worse, 0.0))
+
+
+def _spread(std: float, away: Sequence[float], shares: Sequence[float]) -> float:
+    """Standard deviation whose 95 % interval holds that share of normal modes that far away."""
+    low, high = std, std + max(away)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        reach = _INTERVAL * middle
+        held = sum(
+            share * float(stats.norm.cdf(reach, d, std) - stats.norm.cdf(-reach, d, std))
+            for d, share in zip(away, shares, strict=True)
+        )
+        low, high = (low, middle) if held > _HELD else (middle, high)
+    return high

@@ -60,6 +60,7 @@ class Outcome:
     p_value: float = 1.0
     doubted: set[str] = field(default_factory=set)  # accepted because nothing else was noise
     modes: list[Fit] = field(default_factory=list)  # about as good as the final fit
+    factors: dict[str, float] = field(default_factory=dict)  # on standard deviations, by key
     looks: int = 1
     window: float = math.inf
     tests: Adequacy | None = None  # of what the final model leaves

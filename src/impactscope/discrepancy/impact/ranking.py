@@ -45,9 +45,9 @@ def ranked(outcome: Outcome, accepted: Sequence[Candidate]) -> list[Finding]:
                 confused[name] = max(confused.get(name, 0.0), share)
         finding = _finding(candidate, outcome.final, own, tuple(confused), mine, held)
         modes = [f for f in outcome.modes if f.layout is outcome.final.layout]
-        if modes and candidate.effects:
+        if candidate.effects:
             tag = candidate.effects[0].tag
-            numbers = widened(finding.parameters, tag, outcome.final, modes)
+            numbers = widened(finding.parameters, tag, outcome.final, modes, outcome.factors)
             finding = dataclasses.replace(finding, parameters=numbers)
         first.append(_among_orders(finding, mine, rivals))
         for rival, share in zip(rivals, others, strict=True):

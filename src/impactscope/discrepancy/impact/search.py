@@ -43,6 +43,7 @@ from impactscope.discrepancy.impact.outcome import (
     with_findings,
 )
 from impactscope.discrepancy.impact.pairs import Pair, pairs
+from impactscope.discrepancy.impact.profiles import profiled
 from impactscope.discrepancy.impact.pruning import prune
 from impactscope.discrepancy.impact.strong import from_first_contact, from_taps
 from impactscope.discrepancy.impact.workbench import Trial, Workbench
@@ -153,7 +154,8 @@ class Search:
             final = outcome.final
             final = settled(fit(final.model, final.layout, final.x, near=final))
             best, outcome.modes = other_modes(final, outcome.accepted)
-            outcome.final = best if best is final else settled(best)
+            final = best if best is final else settled(best)
+            outcome.final, outcome.factors = profiled(final, outcome.accepted)
         self._bare(outcome)
         return outcome
 
@@ -420,7 +422,7 @@ class Search:
         judged = outcome.final
         check_held_out(outcome, self.thresholds, _MOST)
         if outcome.accepted and outcome.final is not judged:
-            outcome.final = settled(outcome.final)
+            outcome.final, outcome.factors = profiled(settled(outcome.final), outcome.accepted)
 
 
 def _begun_with(candidate: Candidate, other: Fit, without: Fit, looks: int) -> Outcome:
