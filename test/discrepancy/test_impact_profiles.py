@@ -1,4 +1,4 @@
-"""How far numbers may go, and the interval that several minima leave."""
+"""How far numbers may go, where else they may be, and the interval that several minima leave."""
 
 import math
 from types import SimpleNamespace
@@ -10,7 +10,7 @@ from scipy import stats
 from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.impact.fit import Fit
 from impactscope.discrepancy.impact.model import Free
-from impactscope.discrepancy.impact.modes import widened
+from impactscope.discrepancy.impact.modes import other_modes, widened
 from impactscope.discrepancy.impact.profiles import profiled
 
 SIZE = 200
@@ -79,6 +79,35 @@ def test_the_wider_side_counts():
 def test_a_bound_says_nothing_of_the_other_side():
     _, factors = profiled(fitted(lambda a: 0.5 * a, lower=-1e-9), [finding()])
     assert factors['a'] == pytest.approx(2.0, rel=0.02)
+
+
+def test_what_rings_far_up_is_sought_along_the_valley_of_its_stiffness(monkeypatch):
+    # a fixture that only shows m f^2: the fit may slide along, but finds no way across
+    rng = np.random.default_rng(4)
+    shape = rng.normal(size=SIZE)
+    slopes = np.zeros((SIZE + 2, 2))
+    slopes[:SIZE, 0] = 20.0 * shape
+    slopes[:SIZE, 1] = 10.0 * shape + 0.1 * rng.normal(size=SIZE)
+    free = tuple(
+        Free(f'f.{name}', 1.0, 0.05, 1e-3, 1e3, logarithmic=True) for name in ('frequency', 'mass')
+    )
+    model = SimpleNamespace(free=free, bounds=lambda: (np.full(2, -7.0), np.full(2, 7.0)))
+    model.index = lambda key: [f.key for f in free].index(key)
+    model.values = lambda x: {f.key: math.exp(v) for f, v in zip(free, x, strict=True)}
+    layout = SimpleNamespace(size=SIZE)
+    final = Fit(model, layout, np.zeros(2), np.zeros(SIZE + 2), 100.0, True, slopes)
+    tried = []
+
+    def barely_moving(model, layout, x, **_):
+        tried.append(x)
+        lower = 50.0 if abs(x[0] + math.log(2.9)) < 0.05 and abs(x[1] + 2 * x[0]) < 0.1 else 100.0
+        return Fit(model, layout, x, np.zeros(SIZE + 2), lower, True, slopes)
+
+    monkeypatch.setattr('impactscope.discrepancy.impact.modes.fit', barely_moving)
+    finding = SimpleNamespace(free=free, channel='', amplitudes={'f.mass': math.inf})
+    best, _ = other_modes(final, [finding])
+    assert best.chi_square == 50.0
+    assert any(abs(x[1]) < 1e-12 and x[0] != 0.0 for x in tried)  # and with nothing moved along
 
 
 def estimate(factor=1.0, worse=(), apart=3.0):

@@ -9,9 +9,12 @@ uncertainty of what differs.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from impactscope.discrepancy.answer import ParameterEstimate
@@ -21,11 +24,14 @@ from impactscope.errors import ImpactscopeError
 
 __all__ = ['other_modes', 'widened']
 
-_APART = 1.6  # factor on a number, to either side
-_NARROW = 1.12  # of a frequency: its minima lie closer
+Array = NDArray[np.float64]
+
+_ALONE, _ALONE_FREQUENCY = (1.6,), (1.12,)  # factors on a number, to either side
+_ALONG, _ALONG_FREQUENCY = (1.6,), (1.7, 2.9)  # the same, the others moved along
 _BETTER = 0.1  # of chi-square
+_NEAR = 0.2  # change of a logarithm, up to which slopes serve for another start
 _OPEN = 8.0  # of chi-square, over the reduced one, up to which a mode is not excluded
-_ALIKE = 0.3  # of chi-square, and of standard deviations, of two fits that are one
+_ALIKE = 0.3  # standard deviations, between two fits that are one
 _INTERVAL = 1.96  # standard deviations
 _HELD = 0.95
 _HALVINGS = 30
@@ -34,21 +40,17 @@ _HALVINGS = 30
 def other_modes(final: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, list[Fit]]:
     """The best fit, and others about as good, from either side of each number of a shape."""
     keys = [
-        (number.key, _NARROW if number.key.endswith('.frequency') else _APART)
+        number.key
         for candidate in candidates
         if candidate.amplitudes and not candidate.channel
         for number in candidate.free
         if number.logarithmic and number.blow is None and number.key not in candidate.amplitudes
     ]
     found = [final]
-    for key, factor in keys:
-        j = final.model.index(key)
-        lower, upper = final.model.bounds()
-        for step in (math.log(factor), -math.log(factor)):
-            x = final.x.copy()
-            x[j] = min(max(x[j] + step, lower[j]), upper[j])
+    for key in keys:
+        for x in _starts(final, key):
+            near = final if float(np.max(np.abs(x - final.x))) < _NEAR else None
             with contextlib.suppress(ImpactscopeError):
-                near = final if abs(step) < 0.2 else None
                 found.append(fit(final.model, final.layout, x, settled=0.1, near=near))
     best = min(found, key=lambda f: f.chi_square)
     if best.chi_square > final.chi_square - _BETTER:
@@ -63,12 +65,29 @@ def other_modes(final: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, list[
     return best, modes
 
 
-def _same(mode: Fit, other: Fit, keys: Sequence[tuple[str, float]]) -> bool:
+def _starts(final: Fit, key: str) -> Iterator[Array]:
+    """Starts to either side of a number, alone and with the others as its slope wants them.
+
+    What rings far above all motion shows its stiffness alone: only a start that keeps it leads
+    along such a valley.
+    """
+    j, frequency = final.model.index(key), key.endswith('.frequency')
+    lower, upper = final.model.bounds()
+    alone = np.zeros(final.x.size)
+    alone[j] = 1.0
+    covariance = final.covariance()
+    along = covariance[:, j] / covariance[j, j] if covariance[j, j] > 0.0 else alone
+    for factors, moves in (
+        (_ALONE_FREQUENCY if frequency else _ALONE, alone),
+        (_ALONG_FREQUENCY if frequency else _ALONG, along),
+    ):
+        for factor, sign in itertools.product(factors, (1.0, -1.0)):
+            yield np.clip(final.x + sign * math.log(factor) * moves, lower, upper)
+
+
+def _same(mode: Fit, other: Fit, keys: Sequence[str]) -> bool:
     """Whether two fits stand in one minimum, as far as the numbers of a shape go."""
-    near = abs(mode.chi_square - other.chi_square) < _ALIKE * max(1.0, other.reduced)
-    return near and all(
-        abs(mode.values[k] - other.values[k]) <= _ALIKE * other.std(k) for k, _ in keys
-    )
+    return all(abs(mode.values[k] - other.values[k]) <= _ALIKE * other.std(k) for k in keys)
 
 
 def widened(

@@ -54,9 +54,10 @@ def ranked(outcome: Outcome, accepted: Sequence[Candidate]) -> list[Finding]:
             if rival.candidate.label in seen or rival.candidate.name == candidate.name:
                 continue
             seen.add(rival.candidate.label)
-            later.append(
-                _finding(rival.candidate, rival.fit, share, (candidate.name,), rival, math.nan)
+            instead = _finding(
+                rival.candidate, rival.fit, share, (candidate.name,), rival, math.nan
             )
+            later.append(_among_orders(instead, rival, rivals))
     if not accepted:
         shares = probabilities([0.0, *(f.criterion for f in outcome.last)])[1:]
         later += [
@@ -95,7 +96,9 @@ def _among_orders(finding: Finding, mine: Found, rivals: Sequence[Found]) -> Fin
     same = [
         r
         for r in rivals
-        if r.candidate.name == finding.name and r.candidate.channel == finding.channel
+        if r is not mine
+        and r.candidate.name == finding.name
+        and r.candidate.channel == finding.channel
     ]
     key = f'low_pass_filter:{finding.channel}.cutoff'
     shares = probabilities([f.criterion for f in (mine, *same)])
