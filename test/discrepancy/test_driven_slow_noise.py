@@ -76,6 +76,44 @@ def forgetful(keep):
     return made
 
 
+def bare(seed, noise, after=lambda y: y):
+    """A chain whose ends have noise without any white part, of one colour."""
+    rng = np.random.default_rng(seed)
+    entries, channels = [], {}
+    time = np.arange(SAMPLES) / RATE
+    for i in range(4):
+        phases = rng.uniform(0.0, 2.0 * np.pi, 8)
+        tones = 2.0 * np.sin(2.0 * np.pi * np.outer(np.geomspace(4.0, 60.0, 8), time).T + phases)
+        true = tones.sum(axis=1) * np.hanning(SAMPLES)
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == 3 else 'fit'})
+        channels[file] = {
+            name: ChannelSamples(name, 'm/s^2', RATE, 0.0, values + 0.02 * noise(rng, SAMPLES))
+            for name, values in (
+                ('acceleration.raw', true),
+                ('acceleration.processed', after(true)),
+            )
+        }
+    bench = {'kind': 'chain', 'input': 'acceleration.raw', 'output': 'acceleration.processed'}
+    data = {'version': 1, 'bench': bench, 'recordings': entries}
+    return parse_campaign(data).with_samples(channels.__getitem__)
+
+
+@pytest.mark.parametrize('keep', [0.9, 0.99, 0.9985])
+def test_slow_noise_of_both_ends_without_a_white_part(keep):
+    """Where it is slow it is louder than a faint signal: no line of it may pass for one."""
+    answer = explain_driven(bare(8, forgetful(keep)))
+    assert answer.accepted == ()
+    assert answer.fit.extended.reduced_chi_square == pytest.approx(1.0, abs=0.5)
+
+
+def test_a_limit_is_found_beside_slow_noise_of_both_ends():
+    answer = explain_driven(bare(8, forgetful(0.99), lambda y: np.clip(y, -5.0, 5.0)))
+    assert answer.accepted == ('saturation',)
+    limit = answer.findings[0].parameters['limit']
+    assert limit.value == pytest.approx(5.0, abs=0.02)
+
+
 def one_over_f(rng, size):
     """White noise and as much of one over f."""
     frequency = np.fft.rfftfreq(16 * size)

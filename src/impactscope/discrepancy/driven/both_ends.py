@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from impactscope.discrepancy.driven.case import Settled
+from impactscope.discrepancy.driven.colour import Colour
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.measuring import power_passed
 from impactscope.discrepancy.driven.model import Model, Segment
@@ -87,12 +88,16 @@ class BothEnds:
     sensor: Array  # variance that stays whatever the chain does
     passed: Array  # variance that comes from the input where filters act and pass all
     input: Array  # variance that comes from the input in all
-    output: float  # variance of the output's own noise
+    output: Array  # variance of the output's own noise
     rounding: Rounding | None = None
+    flat: float = 0.0  # standard deviation of a sample where residuals are whitened elsewhere
 
     @staticmethod
-    def of(segment: Segment, into: float, out: float, gain: float) -> tuple[BothEnds, Array]:
-        """The noise of a recording, and its input as the parts of ``ChainModel``, shape (4, n)."""
+    def of(segment: Segment, into: Array, out: Array, gain: float) -> tuple[BothEnds, Array]:
+        """The noise of a recording, and its input as the parts of ``ChainModel``, shape (4, n).
+
+        ``into``, ``out``: variances of the noise of both ends by line, shape (m,).
+        """
         whole = segment.drive[:2].sum(axis=0)
         n = whole.size
         ramp = np.linspace(whole[0], whole[-1], n)  # so that the ends meet
@@ -111,20 +116,53 @@ class BothEnds:
         noise = BothEnds(out + other + doubt, passed, passed + other, out)
         noise = dataclasses.replace(noise, rounding=rounding_of(whole, noise.typical))
         # the quantity as both ends tell it: the input's noise alone would lower a gain
-        known = whole + into / (into + out) * (segment.measured - whole)
+        share = float(np.sum(into) / np.sum(into + out))
+        known = whole + share * (segment.measured - whole)
         return noise, np.stack([seen, whole - seen, known if gain == 1.0 else whole, still])
+
+    def evened_out(self) -> BothEnds:
+        """The same with noise that is equally loud everywhere, in all recordings."""
+        return dataclasses.replace(self, flat=math.sqrt(float(np.mean(self.input + self.output))))
+
+    def coloured(self, segment: Segment, colour: Colour, gain: float) -> Segment:
+        """A recording where the noise of both ends, as this has it, is of one colour.
+
+        Filters act where the signal stands clear of that. What slow noise hides tells nothing.
+        """
+        noise = colour.power(np.linspace(0.0, 1.0, self.sensor.size)) * self.flat**2
+        share = float(np.sum(self.input) / np.sum(self.input + self.output))
+        ends, drive = BothEnds.of(segment, share / gain**2 * noise, (1.0 - share) * noise, gain)
+        ends = dataclasses.replace(ends, rounding=self.rounding, flat=self.flat)
+        return dataclasses.replace(segment, whitener=ends, drive=drive)
 
     @property
     def typical(self) -> float:
         """Standard deviation of a sample of the residual."""
-        return math.sqrt(float(np.mean(self.sensor + self.passed)))
+        return self.flat or math.sqrt(float(np.mean(self.sensor + self.passed)))
 
     def __call__(self, residual: Array) -> Array:
         """A residual, shape (n,), in units of its noise."""
         if self.rounding is not None:
             residual = self.rounding(residual)
-        level = np.sqrt(self.sensor + self.passed)
-        return np.asarray(np.fft.irfft(np.fft.rfft(residual) / level, residual.size))
+        if self.flat:
+            return residual / self.typical
+        return np.asarray(np.fft.irfft(np.fft.rfft(residual) / self.level, residual.size))
+
+    @property
+    def level(self) -> Array:
+        """Standard deviation of a sample of white noise as loud as each line of the residual."""
+        found = np.sqrt(self.sensor + self.passed)
+        return np.full_like(found, self.typical) if self.flat else found
+
+    def logarithm(self, count: int) -> float:
+        """Logarithm of the noise's determinant over that of ``count`` samples where it is flat."""
+        if self.flat:
+            return 0.0
+        twice = np.full(self.sensor.size, 2.0)
+        twice[0] = 1.0
+        if count % 2 == 0:
+            twice[-1] = 1.0
+        return 2.0 * float(twice @ np.log(self.level / self.evened_out().flat))
 
     def _kept(
         self, terms: Sequence[Term], values: Mapping[str, float], segment: Segment
@@ -160,7 +198,9 @@ class BothEnds:
             rest = np.fft.irfft(np.fft.rfft(rest) / np.sqrt(kept), rest.size)
         cut = self._cut(made, terms, values)
         if cut is not None:
-            rest = np.where(cut, rest * self.typical / math.sqrt(self.output), rest)
+            rest = np.where(
+                cut, rest * self.typical / math.sqrt(float(np.mean(self.output))), rest
+            )
         elif kept is None:
             return made
         return np.asarray(segment.measured - rest)
@@ -191,7 +231,6 @@ def settled_ends(model: Model, segments: Sequence[Segment]) -> Settled:
         for i, s in enumerate(segments):
             ends = s.whitener
             assert isinstance(ends, BothEnds)  # noqa: S101 - as made above
-            whole = ends.sensor + ends.passed
             share = ends.input / (ends.input + ends.output)
             lines = np.fft.rfft(made.residuals[i])
             n = s.measured.size
@@ -199,7 +238,7 @@ def settled_ends(model: Model, segments: Sequence[Segment]) -> Settled:
             drive[0] += np.fft.irfft(share * lines, n) / gain
             drive[2] = drive[0] + drive[1]
             rest = np.fft.irfft((1.0 - share) * lines, n)
-            level = (1.0 - share) * np.sqrt(whole)
+            level = (1.0 - share) * ends.level
             whitener: Callable[[Array], Array] = _Known(level, ends.rounding)
             known = dataclasses.replace(s, drive=drive, whitener=whitener)
             predicted = model.predict(made.values, made.terms, made.starts[i], known)

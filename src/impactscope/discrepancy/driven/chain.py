@@ -297,7 +297,8 @@ def both_ends(model: ChainModel, segments: Sequence[Segment], made: Fit) -> Case
     gain = made.values.get('gain', 1.0)
     ready = []
     for s in segments:
-        whitener, drive = BothEnds.of(s, *noises, gain)
+        into, out = (np.full(s.measured.size // 2 + 1, noise) for noise in noises)
+        whitener, drive = BothEnds.of(s, into, out, gain)
         ready.append(
             dataclasses.replace(s, noise=whitener.typical, whitener=whitener, drive=drive)
         )

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, stats
 
+from impactscope.discrepancy.driven.both_ends import BothEnds, settled_ends
 from impactscope.discrepancy.driven.case import Case
 from impactscope.discrepancy.driven.colour import (
     Colour,
@@ -90,6 +91,7 @@ def knowing_slow_noise(case: Case, made: Fit) -> Case | None:
         case: as it was searched.
         made: a fit in it.
     """
+    case = _evenly(case)
     colour = _colour_left(case, made)
     if colour is None:
         return None
@@ -104,6 +106,7 @@ def knowing_slow_noise(case: Case, made: Fit) -> Case | None:
         white = [forgetting(colour, size)(r) for r in left]
     _, level, count = _parts_of(white)
     colour = colour.times(float(np.average(level, weights=count)))
+    case = _by_its_colour(case, colour)
 
     def slowly(these: Sequence[Segment]) -> list[Segment]:
         return [
@@ -128,6 +131,34 @@ def knowing_slow_noise(case: Case, made: Fit) -> Case | None:
     )
 
 
+def _evenly(case: Case) -> Case:
+    """A chain whose noise is taken for equally loud everywhere, before its colour is read.
+
+    Lines that its ends are thought to show faintly only may be slow noise.
+    """
+    if not all(isinstance(s.whitener, BothEnds) for s in case.segments):
+        return case
+    evened = []
+    for s in case.segments:
+        assert isinstance(s.whitener, BothEnds)  # noqa: S101 - as asked above
+        ends = s.whitener.evened_out()
+        evened.append(dataclasses.replace(s, whitener=ends, noise=ends.flat))
+    return dataclasses.replace(case, segments=evened, settled=settled_ends(case.model, evened))
+
+
+def _by_its_colour(case: Case, colour: Colour) -> Case:
+    """A chain whose filters act where the signal stands clear of noise of a colour."""
+    gain = case.baseline.values.get('gain', 1.0)
+    known = [
+        s.whitener.coloured(s, colour, gain) if isinstance(s.whitener, BothEnds) else s
+        for s in case.segments
+    ]
+    settled = case.settled
+    if all(isinstance(s.whitener, BothEnds) for s in known):
+        settled = settled_ends(case.model, known)
+    return dataclasses.replace(case, segments=known, settled=settled)
+
+
 def _whitened_by(segment: Segment, colour: Colour, size: int) -> Segment:
     """A recording with noise of a colour whitened; beside it a motion's noise tells less."""
     whitener = segment.whitener
@@ -145,6 +176,8 @@ def whitened_logarithm(case: Case) -> float:
         whitener, slow = s.whitener, s.slow
         if isinstance(whitener, MovedNoise):
             slow = whitener.slow
+        if isinstance(whitener, BothEnds):
+            found += whitener.logarithm(s.measured.size)
         if isinstance(whitener, Whitener):
             found += whitener.logarithm()
         elif slow is not None:
