@@ -68,6 +68,21 @@ def test_low_pass_between_noisy_channels():
     assert abs(cutoff.value - 400.0) < 4.0 * cutoff.std + 2.0
 
 
+def test_low_pass_far_above_what_is_measured():
+    """It takes off little more than a gain would; from a low cut-off no way leads there."""
+    low = signal.butter(1, 1200.0, fs=RATE, output='sos')
+    high = signal.butter(1, 0.05, 'highpass', fs=RATE, output='sos')
+
+    def filtered(x):
+        return signal.sosfilt(high, signal.sosfiltfilt(low, x))
+
+    answer = explain_driven(campaign(10, filtered))
+    assert set(answer.accepted) == {'low_pass_filter', 'ac_coupling'}
+    found = next(f for f in answer.ranking if f.name == 'low_pass_filter').parameters
+    assert (found['order'].value, found['zero_phase'].value) == (1.0, 1.0)
+    assert abs(found['cutoff'].value - 1200.0) < 4.0 * found['cutoff'].std
+
+
 def test_gain_and_offset():
     answer = explain_driven(campaign(4, lambda x: 1.01 * x + 0.05))
     assert set(answer.accepted) == {'wrong_parameter', 'offset'}

@@ -136,6 +136,11 @@ class BothEnds:
         return dataclasses.replace(segment, whitener=ends, drive=drive)
 
     @property
+    def doubt(self) -> Array:
+        """Variance of what may be signal or noise, by line."""
+        return self.sensor - self.output - (self.input - self.passed)
+
+    @property
     def typical(self) -> float:
         """Standard deviation of a sample of the residual."""
         return self.flat or math.sqrt(float(np.mean(self.sensor + self.passed)))
@@ -234,8 +239,12 @@ def settled_ends(model: Model, segments: Sequence[Segment]) -> Settled:
             share = ends.input / (ends.input + ends.output)
             lines = np.fft.rfft(made.residuals[i])
             n = s.measured.size
+            clear = ends.passed > 0.0
+            still = ~clear & (ends.doubt <= SOME * ends.output)
             drive = s.drive.copy()
-            drive[0] += np.fft.irfft(share * lines, n) / gain
+            # each part has the noise of its own lines: filters would smooth that of others
+            for part, chosen in ((0, clear), (1, ~clear), (3, still)):
+                drive[part] += np.fft.irfft(np.where(chosen, share * lines, 0.0), n) / gain
             drive[2] = drive[0] + drive[1]
             rest = np.fft.irfft((1.0 - share) * lines, n)
             level = (1.0 - share) * ends.level

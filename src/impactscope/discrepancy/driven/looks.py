@@ -37,6 +37,7 @@ class Prospect:
     initial: Mapping[str, float]
     gain: float
     other: Mapping[str, float] | None = None  # the next best start
+    as_is: float = 0.0  # what the start takes away without being scaled
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,14 +62,15 @@ class Look:
                     found |= _on_soft_base(
                         plate, found[name], found[f'{self.term.label}.frequency']
                     )
-            return Prospect(self.term, found, gain if factors[0] > 0.0 else 0.0)
+            gain = gain if factors[0] > 0.0 else 0.0
+            return Prospect(self.term, found, gain, as_is=here.taken(self.rows[0].astype(float)))
         for n, factor in zip(amounts, factors, strict=True):
             name = key(self.term, n)
             value = self.start[name] * float(np.clip(factor, -1e3, 1e3))
             if not n.lower <= value <= n.upper and len(amounts) == 1:
                 gain = 0.0
             found[name] = min(max(value, n.lower + 1e-3 * n.scale), n.upper)
-        return Prospect(self.term, found, gain)
+        return Prospect(self.term, found, gain, as_is=gain)
 
 
 def _on_soft_base(plate: Mapping[str, float], mass: float, frequency: float) -> dict[str, float]:
@@ -121,7 +123,8 @@ def prospects(
         best.setdefault(look.term.label, []).append(look.prospect(here, made.values))
     found = []
     for tried in best.values():
-        tried.sort(key=lambda p: -p.gain)
+        # a start of the right shape and a thousandth of the size is far from where it has to be
+        tried.sort(key=lambda p: (p.as_is if p.as_is >= HOPE else 0.0, p.gain), reverse=True)
         again = sorted((_again(model, made, p, here, segments) for p in tried[:2]), key=_gained)
         other = again[0].initial if len(again) > 1 and again[0].gain > HOPE else None
         found.append(dataclasses.replace(again[-1], other=other))
@@ -172,7 +175,7 @@ def _again(
     model: Model, made: Fit, prospect: Prospect, here: Tangent, segments: Sequence[Segment]
 ) -> Prospect:
     """A promising start, simulated beside the fit itself."""
-    if prospect.gain < HOPE or not prospect.term.amounts:
+    if prospect.gain < HOPE:
         return prospect
     values = {**made.values, **prospect.initial}
     effect = change(model, made, (*made.terms, prospect.term), values, segments)
