@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from impactscope.discrepancy.campaign import ChannelSamples
-from impactscope.discrepancy.impact.data import _onset
+from impactscope.discrepancy.impact.data import _first_sight, _onset
 from impactscope.discrepancy.impact.noise import Colour, colour_of, whitener
 from impactscope.physics.twin.measurement import coloured_noise
 
@@ -138,3 +138,18 @@ def test_slow_noise_is_not_the_onset_of_a_blow() -> None:
     struck[1200:1240] += 400.0 * np.sin(np.linspace(0.0, np.pi, 40))
     blow = ChannelSamples('force', 'N', rate, 0.0, struck)
     assert _onset([quiet, blow]) == pytest.approx(0.6, abs=3e-3)
+
+
+def test_a_base_has_no_say_in_when_a_blow_begins_that_others_see() -> None:
+    rng = np.random.default_rng(5)
+    wanders = rng.normal(size=4000) * 0.01
+    wanders[500:] += 1.0
+    struck = rng.normal(size=4000) * 0.01
+    struck[2000:2050] += 100.0
+    force = ChannelSamples('force', 'N', RATE, 0.0, struck)
+    base = ChannelSamples('acceleration.base', 'm/s^2', RATE, 0.0, wanders)
+    assert _onset([base]) == pytest.approx(500 / RATE, abs=1e-3)  # what it would be taken for
+    found = _first_sight({'force': force, 'acceleration.base': base})
+    assert found == pytest.approx(2000 / RATE, abs=1e-3)
+    struck_base = ChannelSamples('acceleration.base', 'm/s^2', RATE, 0.0, struck)
+    assert _first_sight({'acceleration.base': struck_base}) == pytest.approx(found, abs=1e-3)

@@ -14,7 +14,14 @@ from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.data import prepare
 from impactscope.discrepancy.impact.fit import fit
 from impactscope.discrepancy.impact.follow import fit_baseline
-from impactscope.discrepancy.impact.slow_noise import likelier, noise_left
+from impactscope.discrepancy.impact.noise import Colour
+from impactscope.discrepancy.impact.slow_noise import (
+    _likelihood,
+    _slower,
+    _Stretch,
+    likelier,
+    noise_left,
+)
 from impactscope.physics.twin.assembly import Effect
 
 WHITE = {'force': 0.4, 'acceleration.impactor': 0.08}
@@ -111,3 +118,26 @@ def test_a_coupling_is_found_beside_slow_noise(make_campaign):
     assert answer.accepted == ('ac_coupling',)
     corner = answer.ranking[0].parameters['corner']
     assert corner.value == pytest.approx(1.5, abs=4 * corner.std)
+
+
+@pytest.mark.parametrize('memory', [0.004, 0.022, 0.15])
+def test_noise_without_a_white_part_is_met_though_the_quiet_told_another(memory):
+    rate, sigma = 5000.0, 0.08
+    rng = np.random.default_rng(9)
+    true = Colour(0.0, np.array([sigma**2]), np.array([memory]), rate)
+    lives = 0.5 * 2.0 ** np.arange(2, 14)
+    known = Colour(1e-9, np.full(12, 0.02 * sigma**2), lives / rate, rate)  # too small, too wide
+    count = 1500
+    stretches = [
+        _Stretch(
+            np.arange(count) / rate,
+            np.ones(count, dtype=np.int64),
+            sigma * slow(count, rate, memory, rng),
+            np.full(count, (0.05 * sigma) ** 2),
+        )
+        for _ in range(3)
+    ]
+    found = _slower(stretches, known, rate)
+    assert found is not None
+    assert _likelihood(stretches, found) > _likelihood(stretches, known) + 50.0
+    assert _likelihood(stretches, found) > _likelihood(stretches, true) - 20.0

@@ -122,9 +122,7 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
         if not known:
             notes.append(f'{recording.file}: none of its channels can be used; it is left out.')
             continue
-        onset = _onset([recording.channels[c] for c in known if c != 'acceleration.impactor'])
-        if known == ['acceleration.impactor']:
-            onset = _onset([recording.channels['acceleration.impactor']])
+        onset = _first_sight(recording.channels)
         if onset is None:
             notes.append(f'{recording.file}: no blow can be found; it is left out.')
             continue
@@ -160,6 +158,22 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
 
 
 # --- onset and noise -------------------------------------------------------------------------
+
+
+def _first_sight(channels: Mapping[str, ChannelSamples]) -> float | None:
+    """Moment at which a blow is first seen, s.
+
+    A base moves by less and later than what stands on it, and where it does not move at all slow
+    noise may look like a blow: it is asked where the others say nothing. An impactor that swings
+    is asked where there is nothing else.
+    """
+    for names in (CHANNELS[:2], CHANNELS[3:]):
+        found = _onset([channels[c] for c in names if c in channels])
+        if found is not None:
+            return found
+    if any(c in channels for c in CHANNELS if c != 'acceleration.impactor'):
+        return None
+    return _onset([channels['acceleration.impactor']])
 
 
 def _onset(channels: Sequence[ChannelSamples]) -> float | None:

@@ -66,7 +66,8 @@ _DETOURS = 3
 _SHORTER = 0.8  # of the samples, that another structure must follow at least
 _TELLING = 4.0  # ratio of reduced chi-squares from which a structure is another
 _DOUBTED = 5  # candidates that are looked at again where what is left is no noise
-_LEAST_GAIN = 9.0  # of chi-square, of such a candidate
+_LEAST_GAIN = 9.0  # of chi-square, of such a candidate with one number
+_LEAST_CHANCE = 0.0027  # that noise alone gives it as much, whatever its numbers
 _WORTH = 6.0  # of chi-square, that a number less is worth
 _SOUND = 10.0  # times the chance from which what is left is no noise
 
@@ -217,12 +218,15 @@ class Search:
             outcome.tests = adequacy(current)
             if outcome.tests.p_value > self.thresholds.inadequate:
                 break
+            # what was seen along a law alone has to be gone there
+            laws = outcome.tests.p_values.get('laws', 1.0) < self.thresholds.inadequate
             able = []
             room = len(outcome.accepted) < _MOST
             for item in outcome.last[:_DOUBTED] if room else ():
                 new = item.candidate not in outcome.accepted and not item.refused
-                if item.gain > _LEAST_GAIN and new:
-                    chance = adequacy(item.fit, laws=False).p_value
+                chance = family_p_value(item.gain, item.candidate.cost, 1)
+                if chance < _LEAST_CHANCE and new:
+                    chance = adequacy(item.fit, laws=laws).p_value
                     if chance > _SOUND * self.thresholds.inadequate:
                         able.append((item.criterion, item))
             if not able:

@@ -11,6 +11,7 @@ compared by their likelihood, which Kalman's filter gives.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -41,7 +42,7 @@ _MET = 1.2  # mean square of what is left of the other channels
 _APART = 2.0  # ratio of the times in which parts forget
 _ADDED = 3  # shapes, one after the other
 _LIVES = 2  # steps between the single parts that are tried
-_LEVELS = tuple(float(v) for v in np.geomspace(3e-3, 30.0, 13))  # of the white variance
+_LEVELS = tuple(float(v) for v in np.geomspace(3e-3, 30.0, 13))  # of the variance that is known
 _FINER = (0.5, 0.7, 1.4, 2.0)  # times the best of these
 _SLOPES = (0.0, 1.0)  # powers of the time in which a part forgets: pink, brown noise
 
@@ -188,27 +189,38 @@ def _slower(stretches: list[_Stretch], known: Colour, rate: float) -> Colour | N
     """The likeliest noise with slow parts beside what is known; None where that does."""
     longest = max(float(s.centres[-1] - s.centres[0]) for s in stretches)
     reached, found = _likelihood(stretches, known), known
+    if known.variances.size:
+        # what a short quiet has taken for many parts may be one
+        alone = dataclasses.replace(known, variances=np.zeros(0), times=np.zeros(0))
+        lives = _lives(longest * rate).tolist()
+        single = [
+            _with(alone, {life: 1.0}, level * known.std**2, rate)
+            for life, level in itertools.product(lives, _LEVELS)
+        ]
+        tried = [(_likelihood(stretches, c), c) for c in single]
+        reached, found = max([(reached, known), *tried], key=lambda t: t[0])
+    least = _likelihood(stretches, known) + 0.5 * _GAIN
     for _ in range(_ADDED):
         best = reached, found
         for shape in _shapes(longest * rate):
-            tried = [(_likelihood(stretches, c), v, c) for v in _LEVELS
-                     if (c := _with(found, shape, v, rate))]  # fmt: skip
-            _, level, _ = max(tried, key=lambda t: t[0])
+            levels = [v * known.std**2 for v in _LEVELS]
+            parts = [(v, _with(found, shape, v, rate)) for v in levels]
+            shown = [(_likelihood(stretches, c), v, c) for v, c in parts]
+            _, level, _ = max(shown, key=lambda t: t[0])
             finer = [_with(found, shape, level * f, rate) for f in _FINER]
-            tried += [(_likelihood(stretches, c), level, c) for c in finer]
-            top = max(tried, key=lambda t: t[0])
+            shown += [(_likelihood(stretches, c), level, c) for c in finer]
+            top = max(shown, key=lambda t: t[0])
             if top[0] > best[0]:
                 best = top[0], top[2]
         if 2.0 * (best[0] - reached) < _GAIN:
             break
         reached, found = best
-    return None if found is known else found
+    return None if found is known or reached < least else found
 
 
 def _shapes(longest: float) -> Iterator[Mapping[float, float]]:
     """Shares of parts by the time in which they forget, in samples."""
-    count = 2 + math.ceil(math.log(4.0 * max(longest, 2.0), _APART))
-    lives = 0.5 * np.power(_APART, np.arange(count))
+    lives = _lives(longest)
     for slope in _SLOPES:
         shares = lives**slope
         yield dict(zip(lives.tolist(), (shares / np.max(shares)).tolist(), strict=True))
@@ -216,12 +228,18 @@ def _shapes(longest: float) -> Iterator[Mapping[float, float]]:
         yield {life: 1.0}
 
 
+def _lives(longest: float) -> Array:
+    """Times in which parts may forget, in samples, up to beyond a stretch of that length."""
+    count = 2 + math.ceil(math.log(4.0 * max(longest, 2.0), _APART))
+    return 0.5 * np.power(_APART, np.arange(count, dtype=np.float64))
+
+
 def _with(known: Colour, shape: Mapping[float, float], level: float, rate: float) -> Colour:
-    """A colour with further parts, whose largest has ``level`` times the white variance."""
+    """A colour with further parts, of which the largest has the variance ``level``."""
     lives = (known.times * rate).round(6).tolist()
     parts = dict(zip(lives, known.variances.tolist(), strict=True))
     for life, share in shape.items():
-        parts[round(life, 6)] = parts.get(round(life, 6), 0.0) + share * level * known.white
+        parts[round(life, 6)] = parts.get(round(life, 6), 0.0) + share * level
     total = known.white + sum(parts.values())
     kept = {life: v for life, v in sorted(parts.items()) if v > 1e-4 * total}
     return dataclasses.replace(
