@@ -17,13 +17,13 @@ from impactscope.discrepancy.driven.measuring import (
 )
 
 RATE, SAMPLES = 4000.0, 2400
-INPUT_NOISE, OUTPUT_NOISE = 0.3, 0.1
+NOISES = 0.3, 0.1  # of input and output, m/s^2
 
 
-def blows(rng):
-    """A quantity that rests, is struck twice and rings, m/s^2."""
-    time = np.arange(SAMPLES) / RATE
-    y = np.zeros(SAMPLES)
+def blows(rng, finer=1):
+    """A quantity that rests, is struck twice and rings, m/s^2; at ``finer`` times the rate."""
+    time = np.arange(SAMPLES * finer) / (RATE * finer)
+    y = np.zeros(time.size)
     for begin in (0.1, 0.35):
         share = np.clip((time - begin) / rng.uniform(4e-3, 9e-3), 0.0, 1.0)
         size = rng.uniform(60.0, 200.0)
@@ -33,14 +33,17 @@ def blows(rng):
     return y
 
 
-def campaign(seed, part=lambda x: x, after=lambda y: y, held_out=1):
-    """Four recordings; the noise of the input does not pass the chain."""
+def campaign(seed, part=lambda x: x, after=lambda y: y, held_out=1, finer=1, noises=NOISES):
+    """Four recordings; the noise of the input does not pass the chain.
+
+    ``part`` acts at ``finer`` times the rate.
+    """
     rng = np.random.default_rng(seed)
     entries, channels = [], {}
     for i in range(4):
-        true = blows(rng)
-        raw = true + INPUT_NOISE * rng.standard_normal(SAMPLES)
-        out = after(part(true) + OUTPUT_NOISE * rng.standard_normal(SAMPLES))
+        true = blows(rng, finer)
+        raw = true[::finer] + noises[0] * rng.standard_normal(SAMPLES)
+        out = after(part(true)[::finer] + noises[1] * rng.standard_normal(SAMPLES))
         file = f'r{i}.mcap'
         entries.append({'file': file, 'role': 'hold_out' if i >= 4 - held_out else 'fit'})
         channels[file] = {
@@ -81,6 +84,22 @@ def test_low_pass_far_above_what_is_measured():
     found = next(f for f in answer.ranking if f.name == 'low_pass_filter').parameters
     assert (found['order'].value, found['zero_phase'].value) == (1.0, 1.0)
     assert abs(found['cutoff'].value - 1200.0) < 4.0 * found['cutoff'].std
+
+
+@pytest.mark.parametrize(
+    ('name', 'part'),
+    [
+        (
+            'low_pass_filter',
+            lambda x: signal.sosfilt(signal.butter(2, 250.0, fs=16 * RATE, output='sos'), x),
+        ),
+        ('clock_error', lambda x: np.concatenate([np.zeros(37), x[:-37]])),
+    ],
+)
+def test_what_acts_between_samples(name, part):
+    """The law in the library meets it to a thousandth; the rest is nothing beyond the library."""
+    answer = explain_driven(campaign(11, part, finer=16, noises=(0.02, 0.02)))
+    assert answer.accepted == (name,)
 
 
 def test_gain_and_offset():

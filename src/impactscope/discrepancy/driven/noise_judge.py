@@ -37,12 +37,17 @@ OWN = 2.0  # the same for a number that one recording has of its own
 # of the amplitude of what was found: a further effect as slight as that is the error of its law
 SLIGHT = 1e-4
 ROUGHLY = 0.03  # the same where single contacts decide
+# the same of filters and clocks: how they act between samples, and of what shape they are
+BETWEEN = 0.01
+DELAYING = ('low_pass_filter', 'clock_error')
 LOOKS = 60  # independent candidates, about
 
 
 def slight(made: Fit) -> float:
     """Share of what a fit has gained that the error of its own laws may be."""
-    return (ROUGHLY if any(t.rough for t in made.terms) else SLIGHT) ** 2
+    if any(t.rough for t in made.terms):
+        return ROUGHLY**2
+    return (BETWEEN if any(t.name in DELAYING for t in made.terms) else SLIGHT) ** 2
 
 
 def innovations(segment: Segment, residual: Array) -> Array:
