@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import pytest
 
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact import explain as impact_explain
 from impactscope.errors import InputError
 from impactscope.physics.pendulum import Pendulum
 from impactscope.physics.twin.assembly import Effect
@@ -110,3 +112,19 @@ def test_progress_rises_to_the_end(make_campaign):
     explain(make_campaign(11), progress=lambda share, _: seen.append(share))
     assert seen[0] == 0.0
     assert seen[-1] == 1.0
+
+
+@pytest.mark.parametrize(('known', 'told'), [(1.05, True), (1.6, False)])
+def test_a_prediction_is_said_to_be_amplified_where_the_fit_leaves_it_open(
+    monkeypatch, known, told
+):
+    monkeypatch.setattr(impact_explain, 'prediction_misfit', lambda fit, held: known)
+    outcome = SimpleNamespace(
+        final=SimpleNamespace(reduced=1.0), held_out_final=SimpleNamespace(reduced=1.69)
+    )
+    notes = impact_explain._amplified(outcome)
+    assert bool(notes) is told
+    if told:
+        assert 'missed by 1.3 times the noise, and by 1.02 times' in notes[0]
+    outcome.held_out_final.reduced = 1.1
+    assert impact_explain._amplified(outcome) == ()

@@ -110,7 +110,8 @@ def binned(
     nodes, first_nodes, node_counts = _nodes(time, edges, counts, onset, rate)
     slope = np.gradient(means, centres) if means.size > 1 else np.zeros(means.size)
     variance = sigma**2 / counts if colour is None else colour.variance_of_means(counts)
-    variance = variance + (_FLOOR * sigma) ** 2 / counts
+    fresh = sigma if colour is None else colour.fresh
+    variance = variance + (_FLOOR * fresh) ** 2 / counts
     if dead > 0.0:
         variance = variance * _same(samples, edges)
     variance = variance + (_RELATIVE_FLOOR * means) ** 2 + (_TIME_FLOOR * slope) ** 2

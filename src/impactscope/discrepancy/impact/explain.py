@@ -42,6 +42,7 @@ _STATED_TESTS = 4
 _NOT_MET = 100.0  # reduced chi-square of a blow that no start has met
 _NOISE_AT_MOST = 6.0  # reduced chi-square up to which noise may be slower than was known
 _SLOW = ('ac_coupling', 'offset', 'zero_drift')  # effects that slow noise may look like
+_SEEN_MISSED = 1.21  # reduced chi-square of a prediction, from which it is told
 _FIRST_CONTACT = 0.012  # s after the onset
 _WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
 
@@ -144,7 +145,7 @@ def _answer(
         baseline_parameters=fitted_numbers(outcome.baseline),
         extended_parameters=fitted_numbers(outcome.final),
         model=saved_model(campaign, outcome, accepted),
-        notes=(*campaign.notes, *data.notes, *outcome.notes),
+        notes=(*campaign.notes, *data.notes, *outcome.notes, *_amplified(outcome)),
         traces=traces,
     )
 
@@ -233,6 +234,21 @@ def _missed_early(outcome: Outcome, allowed: float) -> bool:
         )
         return False
     return True
+
+
+def _amplified(outcome: Outcome) -> tuple[str, ...]:
+    """What of a missed prediction the fitted recordings leave open, in a sentence."""
+    final, held = outcome.final, outcome.held_out_final
+    if held is None or not _SEEN_MISSED < held.reduced < _NOT_MET or final.reduced > _WEAK:
+        return ()
+    known = prediction_misfit(final, held)
+    if known > _SEEN_MISSED:
+        return ()
+    return (
+        f'Held-out recordings are missed by {math.sqrt(held.reduced):.3g} times the noise, and by '
+        f'{math.sqrt(known):.3g} times where what the fitted ones leave open of the numbers that '
+        'all share is allowed for: each contact amplifies it.',
+    )
 
 
 def _direct_findings(data: CampaignData) -> list[Finding]:

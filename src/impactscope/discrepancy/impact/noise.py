@@ -52,6 +52,12 @@ class Colour:
         """Standard deviation of a sample by all parts."""
         return math.sqrt(self.white + float(np.sum(self.variances)))
 
+    @property
+    def fresh(self) -> float:
+        """Standard deviation of what a sample has that the one before does not tell."""
+        keep = np.exp(-1.0 / (self.times * self.sample_rate))
+        return math.sqrt(self.white + float(self.variances @ (1.0 - keep**2)))
+
     def variance_of_means(self, counts: IntArray) -> Array:
         """Variance of the mean over that many samples, shape as ``counts``."""
         lengths, place = np.unique(counts, return_inverse=True)

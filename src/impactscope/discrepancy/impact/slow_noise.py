@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.discrepancy.impact.bins import BinnedChannel
 from impactscope.discrepancy.impact.data import BlowData
 from impactscope.discrepancy.impact.fit import Fit
 from impactscope.discrepancy.impact.noise import Colour, whitener
@@ -151,12 +152,23 @@ def _at_rest(
             channel.centres,
             channel.counts,
             channel.means - left_by[name],
-            np.maximum(channel.std**2 - noise, 0.0),
+            _own(channel, noise, known),
         )
         before = mask & (since < 0.0)
         enough = np.count_nonzero(before) > 1
         stretches.append((whole.part(mask), whole.part(before) if enough else None))
     return stretches, known, rate
+
+
+def _own(channel: BinnedChannel, noise: Array, known: Colour) -> Array:
+    """Variance of each bin that is not of the noise, shape (n_bins,).
+
+    What two sound simulations may differ by is allowed for where it is more than what is fresh in
+    a sample. Where it is less it would take the place of noise, which the colour then lacks.
+    """
+    repeated = np.maximum(channel.std**2 - channel.own_std**2, 0.0)
+    allowed = np.maximum(channel.own_std**2 - noise, 0.0)
+    return np.asarray(repeated + np.where(allowed > known.fresh**2, allowed, 0.0))
 
 
 def _resting(blow: BlowData, predicted: Mapping[str, Array], moments: Array) -> NDArray[np.bool_]:
