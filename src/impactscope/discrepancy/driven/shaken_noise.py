@@ -109,7 +109,7 @@ def whitened(
             known = forces[i]
             if known is not None and known.error is not None and colour is None:
                 filtering = _along(made, ready[i], math.sqrt(white), known.error)
-            repeated = stepped(ready[i].measured, math.sqrt(white)) if steps > 0.0 else None
+            repeated = stepped(ready[i].measured, math.sqrt(white), steps) if steps > 0.0 else None
             if repeated is not None:
                 filtering = repeated
             runs = None if drifts else weight_by_runs(ready[i].measured, math.sqrt(white))

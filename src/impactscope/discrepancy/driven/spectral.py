@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, optimize, signal
 
+from impactscope.discrepancy.driven.compiled import compiled
 from impactscope.discrepancy.driven.measuring import step_of
 
 __all__ = [
@@ -35,6 +36,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+NEAR = 1.5  # steps: readings that differ by less keep to one
+ONWARD = 2.5  # readings of a stretch, up to which it only passes by
+MOST_SHARED = 0.9  # of the variance of a reading
 FIRST = 256  # samples that are scaled by their variance
 FORGOTTEN = 1e-7  # of the filter's answer is left aside
 LOUD = 30.0  # times what is left: lines with so much signal do not tell the noise
@@ -82,10 +86,17 @@ class Stepped:
 
     noise: float
     weight: Array  # square root of what each sample counts, (n,)
+    first: NDArray[np.int64]  # sample of each stretch in which the reading keeps to one step
+    lost: Array  # of what a stretch's samples have in common, (stretches,)
 
     def __call__(self, residual: Array) -> Array:
         """Innovations, shape (n,)."""
-        return np.asarray(residual * self.weight / self.noise)
+        seen = residual * self.weight / self.noise
+        common = np.add.reduceat(seen * self.weight, self.first) * self.lost
+        return np.asarray(seen - self.weight * np.repeat(common, self._lengths()))
+
+    def _lengths(self) -> NDArray[np.int64]:
+        return np.diff(np.concatenate([self.first, [self.weight.size]]))
 
     @property
     def share(self) -> float:
@@ -93,13 +104,39 @@ class Stepped:
         return float(np.mean(self.weight**2))
 
 
-def stepped(samples: Array, noise: float) -> Stepped | None:
-    """The weights of samples some of which repeat the one before; None where none do."""
+def stepped(samples: Array, noise: float, step: float) -> Stepped | None:
+    """The weights of samples some of which repeat the one before; None where none do.
+
+    ``noise``: standard deviation of a sample, what the steps leave included. As long as readings
+    go to and fro by one step they share its error, of which each of them tells the same (Widrow
+    and Kollar, Quantization Noise (2008), ch. 5).
+    """
     changes = np.flatnonzero(np.diff(samples) != 0.0) + 1
     if changes.size + 1 == samples.size:
         return None
     lengths = np.diff(np.concatenate([[0], changes, [samples.size]]))
-    return Stepped(noise, np.repeat(1.0 / np.sqrt(lengths), lengths))
+    weight = np.repeat(1.0 / np.sqrt(lengths), lengths)
+    first = _stretches(samples, NEAR * step)
+    counts = np.add.reduceat(weight**2, first)
+    share = min(step**2 / 12.0 / noise**2, MOST_SHARED)
+    # a stretch's covariance is one minus the share, and the share between any two of its readings
+    scale = 1.0 - 1.0 / np.sqrt(1.0 + counts * share / (1.0 - share))
+    lost = np.where(counts > ONWARD, scale / counts, 0.0)
+    return Stepped(noise, weight, first, lost)
+
+
+@compiled
+def _stretches(samples: Array, most: float) -> NDArray[np.int64]:
+    """First samples of stretches in which readings differ by no more than ``most``."""
+    found = np.zeros(samples.size, dtype=np.int64)
+    count, low, high = 1, samples[0], samples[0]
+    for i in range(1, samples.size):
+        low, high = min(low, samples[i]), max(high, samples[i])
+        if high - low > most:
+            found[count] = i
+            count += 1
+            low = high = samples[i]
+    return found[:count].copy()
 
 
 def weight_by_runs(samples: Array, noise: float) -> Array | None:
@@ -109,7 +146,7 @@ def weight_by_runs(samples: Array, noise: float) -> Array | None:
     steps leave, a reading that rests has one error throughout.
     """
     step = step_of(samples)
-    made = stepped(samples, noise) if step > COARSE * noise else None
+    made = stepped(samples, noise, step) if step > COARSE * noise else None
     return None if made is None else made.weight
 
 

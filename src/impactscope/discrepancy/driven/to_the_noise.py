@@ -201,14 +201,21 @@ def _exact(
     plain = None if case.model.drifts or seed is not None else plain_noise(case)
     best = found = _searched(campaign, plain or case, tell, share, seed)
     searched = {plain or case}
+    slow = (plain_noise(case) if case.model.drifts else None) or case
     for _ in range(COLOURS):
         last = found[1].best
         if plain is not None and not _terms_of(found):
             break  # noise of that colour is all that there is
-        if case.model.drifts and not may_be_slow_noise(last, found[2]):
+        if case.model.drifts and not found[2].left and not last.terms:
             break
-        bare = without_slow_effects(case, last)
-        tries = [knowing_slow_noise(case, made) or case for made in dict.fromkeys((last, bare))]
+        if case.model.drifts and slow not in searched:
+            tries = [slow]
+        elif case.model.drifts and not may_be_slow_noise(last, found[2]):
+            break
+        else:
+            bare = without_slow_effects(case, last)
+            made = dict.fromkeys((last, bare))
+            tries = [knowing_slow_noise(case, m) or case for m in made]
         # noise that would be less likely even if all else were explained is not looked into
         likely = [
             k
@@ -322,6 +329,8 @@ def _repeated(
     for _ in range(REPEATS):
         if reduced(case.judge, outcome.best) > HOPELESS:
             break
+        if case.model.drifts and not answer.accepted and SLOW_NOISE in answer.notes:
+            break  # noise of a colour is all that there is
         if erred and _errs(answer):
             break  # knowing the noise better does not help
         erred = _errs(answer)
