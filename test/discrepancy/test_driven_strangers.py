@@ -1,0 +1,49 @@
+"""Laws beyond the vocabulary, and lines in the spectrum of what is left."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.model import Segment
+from impactscope.discrepancy.driven.spectral import stepped, whitening
+from impactscope.discrepancy.driven.strangers import strangers
+
+SAMPLES, PERIOD, STEP = 4000, 1e-3, 1e-3
+
+
+def left(size):
+    """What two recordings of a coarse encoder leave that hunts at 31 Hz at rest."""
+    rng = np.random.default_rng(2)
+    time = PERIOD * np.arange(SAMPLES)
+    hunting = [size * np.sin(2.0 * np.pi * 31.0 * time + phase) for phase in (0.3, 2.0)]
+    return [x + 0.3 * STEP * rng.standard_normal(SAMPLES) for x in hunting]
+
+
+def lines(residuals, filters):
+    segments = [
+        Segment(f'r{i}', 'x', 'm', False, 0.0, PERIOD, r, np.zeros(0), whitener=f)
+        for i, (r, f) in enumerate(zip(residuals, filters, strict=True))
+    ]
+    none = np.zeros(0)
+    made = Fit((), {}, {}, (none, none), tuple(residuals), 0)
+    model = SimpleNamespace(numbers=(), terms=(), starts=lambda _: (), drifts=True)
+    return strangers(lambda *_: iter(()), model, made, segments)
+
+
+def test_a_line_in_the_spectrum_is_told():
+    white = whitening(np.full(1025, (0.3 * STEP) ** 2))
+    strongest = lines(left(0.2 * STEP), [white, white])[0]
+    assert strongest.law.startswith('a line at 31')
+    assert strongest.p_value < 1e-6
+
+
+@pytest.mark.parametrize('coarse', [0, 1])
+def test_no_line_is_sought_where_an_encoder_steps(coarse):
+    """At rest it goes to and fro between two readings: a line of its own rounding."""
+    residuals = left(0.2 * STEP)
+    white = whitening(np.full(1025, (0.3 * STEP) ** 2))
+    steps = stepped(STEP * np.rint(residuals[coarse] / STEP), 0.4 * STEP, STEP)
+    assert steps is not None
+    assert lines(residuals, [steps, white] if coarse == 0 else [white, steps]) == []
