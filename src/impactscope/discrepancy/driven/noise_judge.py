@@ -35,7 +35,7 @@ PRICE = 7.0  # chi-square that a further number must bring to be preferred
 EACH = 4.0  # the same for a further effect: two at once are rarer than one
 OWN = 2.0  # the same for a number that one recording has of its own
 # of the amplitude of what was found: a further effect as slight as that is the error of its law
-SLIGHT = 1e-4
+SLIGHT = 3e-3
 ROUGHLY = 0.03  # the same where single contacts decide
 # the same of filters and clocks: how they act between samples, and of what shape they are
 BETWEEN = 0.01

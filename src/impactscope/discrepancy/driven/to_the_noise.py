@@ -26,6 +26,7 @@ from impactscope.discrepancy.driven.chain import ChainModel, chain_case
 from impactscope.discrepancy.driven.describe import describe
 from impactscope.discrepancy.driven.exact import exact_search
 from impactscope.discrepancy.driven.fitting import Fit, fit
+from impactscope.discrepancy.driven.looks import looks, prospects
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment
 from impactscope.discrepancy.driven.moved import MovedModel, moved_case
 from impactscope.discrepancy.driven.noise_judge import OWN, PRICE, reduced, slight
@@ -62,6 +63,8 @@ SLOW_NOISE = (
     'they tell beyond those before.'
 )
 COLOURS = 2  # searches with noise of a colour
+PROSPECTS, STEPS = 4, 2  # effects that are fitted, each beside the best one before
+MOST_LOOKED_AT = 45_000  # samples of a plate far from its noise that are looked at so
 LARGER = 0.25  # of reduced chi-square, by which what is left is more than noise
 SURE = 6.0  # standard deviations of it
 LEVEL = 0.02  # relative change of the noise's level that matters
@@ -82,7 +85,7 @@ def plate_answer(campaign: Campaign, begun: Start, tell: Progress) -> tuple[Answ
         return None, False
     seed = None
     if reduced(case.judge, case.baseline) >= MOSTLY_NOISE:
-        seed = _levelled(case)  # a channel that drifts far hides that all else is noise
+        seed = _towards_noise(case)  # what is strong hides that all else is noise
     start = seed or case.baseline
     near = OVERSTATED * _counting(case) < reduced(case.judge, start) < MOSTLY_NOISE
     if not near and plain_noise(case) is None:
@@ -91,13 +94,42 @@ def plate_answer(campaign: Campaign, begun: Start, tell: Progress) -> tuple[Answ
     return answer, sure
 
 
-def _levelled(case: Case) -> Fit:
-    """The baseline with an offset, a drift or both of the channel: what leaves least."""
+def _towards_noise(case: Case) -> Fit:
+    """The baseline with what leaves least: a level of the channel, or few plain effects.
+
+    Greedy; it only tells where a search to the noise may begin.
+    """
     terms = [t for t in case.model.terms if t.name in LEVELS and t.output and not t.own]
+    both = [tuple(terms)] if len(terms) == len(LEVELS) else []
     base = case.baseline
-    tries = [(), *((t,) for t in terms), *([tuple(terms)] if len(terms) == len(LEVELS) else [])]
-    fits = [fit(case.model, t, case.segments, base.values, base.starts) for t in tries]
-    return min(fits, key=lambda f: reduced(case.judge, f))
+    best = min(
+        (
+            fit(case.model, t, case.segments, base.values, base.starts)
+            for t in [(), *((t,) for t in terms), *both]
+        ),
+        key=lambda f: reduced(case.judge, f),
+    )
+    if sum(s.measured.size for s in case.segments) > MOST_LOOKED_AT:
+        return best
+    made = base
+    for _ in range(STEPS):
+        if reduced(case.judge, best) < MOSTLY_NOISE:
+            break
+        others = [t for t in case.model.terms if all(t.stands_with(o) for o in made.terms)]
+        seen = looks(case.model, made, others, case.segments)
+        tries = [
+            fit(
+                case.model,
+                (*made.terms, p.term),
+                case.segments,
+                {**made.values, **p.initial},
+                made.starts,
+            )
+            for p in prospects(case.model, made, seen, case.segments)[:PROSPECTS]
+        ]
+        made = min(tries, key=lambda f: reduced(case.judge, f), default=made)
+        best = min(best, made, key=lambda f: reduced(case.judge, f))
+    return best
 
 
 def mass_answer(
