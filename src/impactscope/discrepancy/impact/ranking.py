@@ -49,6 +49,13 @@ def ranked(outcome: Outcome, accepted: Sequence[Candidate]) -> list[Finding]:
             tag = candidate.effects[0].tag
             numbers = widened(finding.parameters, tag, outcome.final, modes, outcome.factors)
             finding = dataclasses.replace(finding, parameters=numbers)
+        elif candidate.free:
+            factor = outcome.factors.get(candidate.free[0].key, 1.0)
+            numbers = {
+                name: dataclasses.replace(item, std=factor * item.std)
+                for name, item in finding.parameters.items()
+            }
+            finding = dataclasses.replace(finding, parameters=numbers)
         first.append(_among_orders(finding, mine, rivals))
         for rival, share in zip(rivals, others, strict=True):
             if rival.candidate.label in seen or rival.candidate.name == candidate.name:

@@ -1,0 +1,48 @@
+"""What may make noise of what is left, where the evidence for it alone does not count."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from impactscope.discrepancy.impact import search as impact_search
+from impactscope.discrepancy.impact.outcome import Found, Outcome
+from impactscope.discrepancy.impact.search import Search
+
+
+@pytest.fixture
+def doubted(monkeypatch):
+    """Names that are accepted: a candidate of that cost and gain, and what its fit leaves."""
+
+    def accepted(cost, gain, *, laws_before=1.0, laws_after=1.0):
+        left, met = SimpleNamespace(), SimpleNamespace()
+
+        def adequacy(fit, *, laws=True):
+            tests = {'time': 1e-6 if fit is left else 0.5}
+            if laws:
+                tests['laws'] = laws_before if fit is left else laws_after
+            return SimpleNamespace(p_value=min(tests.values()), p_values=tests)
+
+        monkeypatch.setattr(impact_search, 'adequacy', adequacy)
+        monkeypatch.setattr(Search, '_another_pair', lambda self, current, outcome: current)
+        candidate = SimpleNamespace(name='mains_hum', label='hum', cost=cost, free=(1,))
+        outcome = Outcome(left, left, [])
+        outcome.last = [Found(candidate, met, gain, 1e-3, -gain)]
+        Search(())._doubted(left, outcome)
+        return [c.name for c in outcome.accepted]
+
+    return accepted
+
+
+def test_a_candidate_that_is_worth_its_numbers_is_taken(doubted):
+    assert doubted(1, 9.5) == ['mains_hum']
+    assert doubted(9, 40.0) == ['mains_hum']
+
+
+def test_a_hum_with_a_phase_in_each_recording_pays_for_all_of_them(doubted):
+    assert doubted(1, 8.5) == []
+    assert doubted(9, 15.0) == []
+
+
+def test_a_law_that_was_seen_has_to_be_gone(doubted):
+    assert doubted(1, 40.0, laws_before=1e-5, laws_after=1e-4) == []
+    assert doubted(1, 40.0, laws_before=1e-5, laws_after=0.4) == ['mains_hum']
