@@ -25,6 +25,7 @@ __all__ = [
     'each_alone',
     'innovations',
     'joined',
+    'priced',
     'reduced',
     'slight',
 ]
@@ -48,6 +49,13 @@ def slight(made: Fit) -> float:
     if any(t.rough for t in made.terms):
         return ROUGHLY**2
     return (BETWEEN if any(t.name in DELAYING for t in made.terms) else SLIGHT) ** 2
+
+
+def priced(fit: Fit, reference: Fit) -> float:
+    """Chi-square that what a fit has beyond a reference must bring."""
+    own = fit.own - reference.own
+    shared = fit.added - reference.added - own
+    return PRICE * shared + OWN * own + EACH * (len(fit.terms) - len(reference.terms))
 
 
 def innovations(segment: Segment, residual: Array) -> Array:
@@ -154,13 +162,10 @@ class NoiseJudge(Judge):
 
     def criterion(self, fit: Fit, reference: Fit) -> float:
         """Minus the gain over a reference, and a price for every number: smaller is better."""
-        own = fit.own - reference.own
-        shared = fit.added - reference.added - own
-        terms = len(fit.terms) - len(reference.terms)
+        shared = fit.added - reference.added - (fit.own - reference.own)
         gain = self.gain(reference, fit)
         self._largest = max(self._largest, gain.fitted)
-        price = PRICE * shared + OWN * own + EACH * terms
-        return price + slight(fit) * self._largest * shared - gain.total
+        return priced(fit, reference) + slight(fit) * self._largest * shared - gain.total
 
     def p_value(self, small: Fit, large: Fit) -> float:
         """Chance of such a gain where nothing is missing."""

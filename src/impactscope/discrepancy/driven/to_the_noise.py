@@ -29,7 +29,7 @@ from impactscope.discrepancy.driven.fitting import Fit, fit
 from impactscope.discrepancy.driven.looks import looks, prospects
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment
 from impactscope.discrepancy.driven.moved import MovedModel, moved_case
-from impactscope.discrepancy.driven.noise_judge import OWN, PRICE, reduced, slight
+from impactscope.discrepancy.driven.noise_judge import OWN, PRICE, priced, reduced, slight
 from impactscope.discrepancy.driven.plate import plate_under_hammer
 from impactscope.discrepancy.driven.recordings import Cut, cuts
 from impactscope.discrepancy.driven.search import Outcome
@@ -301,8 +301,7 @@ def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
     alone = said.left and said.instead
     made = outcome.baseline if alone else outcome.best
     left = math.fsum(case.judge.chi_squares(made))
-    whole = math.fsum(case.judge.chi_squares(outcome.baseline)) + whitened_logarithm(case)
-    whole += 0.0 if alone else case.judge.criterion(outcome.best, outcome.baseline)
+    whole = left + whitened_logarithm(case) + priced(made, outcome.baseline)
     if said.left:  # a law takes away no more than what is left beyond the noise
         beyond = max(left - sum(s.measured.size for s in case.segments), 0.0)
         whole -= min(said.strongest.gain, beyond) - PRICE * said.strongest.numbers
