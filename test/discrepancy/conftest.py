@@ -115,6 +115,7 @@ def make_campaign() -> Callable[..., Campaign]:
         duration: float = 0.35,
         tap: HammerTap | MeasuredForce | None = None,
         bare: BareContact | None = None,
+        large_angles: bool = False,
     ) -> Campaign:
         rng = np.random.default_rng(seed)
         gains = {c: 1 + float(rng.standard_normal()) * GAIN_STD[c.split('.')[0]] for c in NOISE}
@@ -126,7 +127,8 @@ def make_campaign() -> Callable[..., Campaign]:
         for n, (distance, angle) in enumerate(plan):
             error = 0.1 * float(rng.standard_normal()) + (angle_errors or {}).get(n, 0.0)
             swing = dataclasses.replace(pendulum or Pendulum(), mass_distance=distance)
-            blows.append(PendulumBlow(swing, math.radians(angle + error)))
+            turned = math.radians(angle + error)
+            blows.append(PendulumBlow(swing, turned, large_angles=large_angles))
             recordings.append(
                 {
                     'file': f'hit{n}.mcap',

@@ -134,9 +134,23 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     described = describe(subject)
     if period is not None and described.accepted == ('unknown',):
         return _rippled(described, period, segments[0].unit)
-    if answer is not None and set(described.accepted) <= {'unknown'}:
+    if answer is not None and (
+        set(described.accepted) <= {'unknown'} or _leaves_far_less(answer, described)
+    ):
         return answer
     return described
+
+
+def _leaves_far_less(one: Answer, other: Answer) -> bool:
+    """Whether what one answer found leaves less than half the power of the other's, throughout."""
+
+    def left(answer: Answer) -> list[float]:
+        fitted, held_out = answer.fit.extended.rmse, answer.fit.extended.held_out_rmse
+        return [rmse for part in (fitted, held_out) for _, rmse in sorted(part.items())]
+
+    mine, others = left(one), left(other)
+    found = bool(set(one.accepted) - {'unknown'}) and len(mine) == len(others)
+    return found and all(2.0 * a * a < b * b for a, b in zip(mine, others, strict=True))
 
 
 def _counted(segments: Sequence[Segment]) -> int:

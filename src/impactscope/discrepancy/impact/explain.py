@@ -29,6 +29,7 @@ from impactscope.discrepancy.impact.outcome import Outcome, with_findings
 from impactscope.discrepancy.impact.ranking import ranked, share_of_known, weaker
 from impactscope.discrepancy.impact.search import Search
 from impactscope.discrepancy.impact.slow_noise import likelier, noise_left
+from impactscope.discrepancy.impact.swing import weight_matters, with_other_weight
 from impactscope.discrepancy.locate import locate
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
@@ -44,6 +45,7 @@ _NOISE_AT_MOST = 6.0  # reduced chi-square up to which noise may be slower than 
 _SLOW = ('ac_coupling', 'offset', 'zero_drift')  # effects that slow noise may look like
 _SEEN_MISSED = 1.21  # reduced chi-square of a prediction, from which it is told
 _FIRST_CONTACT = 0.012  # s after the onset
+_PRICE = 10.0  # chi-square that a further number must bring
 _WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
 
 
@@ -85,15 +87,35 @@ def _without_slow(data: CampaignData, outcome: Outcome) -> Fit:
 def _searched(
     campaign: Campaign, data: CampaignData, thresholds: Thresholds, progress: Progress
 ) -> Outcome:
-    """What the search comes to, judged by the recordings that were held out."""
-    model = baseline_model(campaign, data)
+    """What the search comes to, judged by the recordings that were held out.
+
+    Where it matters how the pendulum's weight acts, it is searched from the likelier way; what
+    is found there must be found from the other one, too, or explain more.
+    """
     progress(0.02, 'baseline')
-    baseline = with_later_cuts(fit_baseline(model))
+    baseline = fit_baseline(baseline_model(campaign, data))
+    if weight_matters(baseline):
+        swung = fit_baseline(with_other_weight(baseline.model))
+        baseline = min(baseline, swung, key=lambda f: f.chi_square)
     search = Search(campaign.baseline_names, thresholds, progress)
-    outcome = search.run(baseline)
+    outcome = search.run(with_later_cuts(baseline))
+    if weight_matters(outcome.final) and (outcome.accepted or _left(outcome, thresholds)):
+        other = fit_baseline(with_other_weight(baseline.model))
+        both = (outcome, search.run(with_later_cuts(other)))
+        outcome = min(both, key=lambda o: (_left(o, thresholds), _cost(o)))
+    outcome.tests = None  # of what is left now
     progress(0.9, 'held-out recordings')
     search.check(outcome)
     return outcome
+
+
+def _left(outcome: Outcome, thresholds: Thresholds) -> bool:
+    return _unexplained(outcome, thresholds)[0]
+
+
+def _cost(outcome: Outcome) -> float:
+    added = len(outcome.final.model.free) - len(outcome.baseline.model.free)
+    return outcome.final.chi_square + _PRICE * added
 
 
 def _answer(

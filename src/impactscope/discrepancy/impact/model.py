@@ -44,6 +44,7 @@ from impactscope.physics.twin.simulate import CHANNELS, solve
 
 __all__ = [
     'ADDED_WEIGHT',
+    'LARGE_ANGLES',
     'SPEED_RATIO',
     'WEIGHT',
     'ActiveEffect',
@@ -60,6 +61,9 @@ TOLERANCE = 1e-7
 SPEED_RATIO = 'impact_speed_loss.ratio'
 WEIGHT, ADDED_WEIGHT = 'weight', 'added_weight'
 """Of a weight that follows from geometry or mass: a factor on it, and what it has beside, N."""
+
+LARGE_ANGLES = 'pendulum.large_angles'
+"""Above 0: the pendulum's weight acts with cosine and sine of the swing."""
 
 _CACHE = 6  # solutions kept for each blow
 _WHITENERS = 150  # kept
@@ -516,5 +520,6 @@ def describe(values: Mapping[str, float], data: BlowData, i: int) -> tuple[Bench
             moving_mass=of('pendulum.moving_mass'),
             mass_distance=of('mass_distance'),
         )
-        return bench, PendulumBlow(pendulum, math.radians(of('angle')))
+        large = of(LARGE_ANGLES, 0.0) > 0.0
+        return bench, PendulumBlow(pendulum, math.radians(of('angle')), large_angles=large)
     return bench, RobotBlow(of('impactor_mass'), of('speed'), push_force=0.0)

@@ -1,0 +1,32 @@
+"""How a pendulum's weight acts while it swings: a choice of simulations, no missing physics.
+
+Many take it for a constant load, or a linear spring, as it is at the contact. A pendulum that
+bounces by several degrees feels the cosine of that, and the sine. A baseline that names the
+weight means either.
+"""
+
+from __future__ import annotations
+
+from impactscope.discrepancy.impact.fit import Fit
+from impactscope.discrepancy.impact.model import LARGE_ANGLES, ImpactModel
+
+__all__ = ['weight_matters', 'with_other_weight']
+
+_WEIGHTS = ('gravity_load', 'restoring_force')
+_SEEN = 4.0  # chi-square of the difference, below which nobody can tell
+
+
+def weight_matters(found: Fit) -> bool:
+    """Whether a fit would be seen to differ with its weight taken the other way."""
+    model = found.model
+    kinds = {b.recording.kind for b in model.data.blows}
+    if 'pendulum' not in kinds or all(e.name not in _WEIGHTS for e in model.effects):
+        return False
+    moved = with_other_weight(model).residuals(found.x, found.layout) - found.residuals
+    return float(moved @ moved) > _SEEN
+
+
+def with_other_weight(model: ImpactModel) -> ImpactModel:
+    """A model with its weight as it is not taken there: as it swings, or as it is at contact."""
+    swings = model.constants.get(LARGE_ANGLES, 0.0) > 0.0
+    return model.extended(constants={LARGE_ANGLES: 0.0 if swings else 1.0})
