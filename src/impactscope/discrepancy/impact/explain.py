@@ -23,13 +23,18 @@ from impactscope.discrepancy.impact.baseline import baseline_model
 from impactscope.discrepancy.impact.data import CampaignData, prepare
 from impactscope.discrepancy.impact.estimates import fitted_numbers, saved_model
 from impactscope.discrepancy.impact.figures import fit_table, pictures
-from impactscope.discrepancy.impact.fit import Fit
+from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.follow import fit_baseline, held_out_fit, prediction_misfit
+from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.discrepancy.impact.outcome import Outcome, with_findings
 from impactscope.discrepancy.impact.ranking import ranked, share_of_known, weaker
 from impactscope.discrepancy.impact.search import Search
 from impactscope.discrepancy.impact.slow_noise import likelier, noise_left
-from impactscope.discrepancy.impact.swing import weight_matters, with_other_weight
+from impactscope.discrepancy.impact.swing import (
+    weight_matters,
+    with_other_weight,
+    with_weight_of,
+)
 from impactscope.discrepancy.locate import locate
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
@@ -64,7 +69,7 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
             def again(share: float, text: str) -> None:
                 progress(0.9 + 0.05 * share, f'with slower noise: {text}')
 
-            other = _searched(campaign, told, thresholds, again)
+            other = _searched(campaign, told, thresholds, again, outcome.final.model)
             explained = outcome.accepted and not _unexplained(outcome, thresholds)[0]
             if not (explained and likelier(outcome.final, other.final, slower)):
                 data, outcome = told, other
@@ -85,21 +90,25 @@ def _without_slow(data: CampaignData, outcome: Outcome) -> Fit:
 
 
 def _searched(
-    campaign: Campaign, data: CampaignData, thresholds: Thresholds, progress: Progress
+    campaign: Campaign,
+    data: CampaignData,
+    thresholds: Thresholds,
+    progress: Progress,
+    like: ImpactModel | None = None,
 ) -> Outcome:
     """What the search comes to, judged by the recordings that were held out.
 
-    Where it matters how the pendulum's weight acts, it is searched from the likelier way; what
-    is found there must be found from the other one, too, or explain more.
+    Where it matters how the pendulum's weight acts, the search goes on from the likelier way, and
+    from the other one where something is left or that explains as much. Or it acts as in ``like``.
     """
     progress(0.02, 'baseline')
-    baseline = fit_baseline(baseline_model(campaign, data))
-    if weight_matters(baseline):
-        swung = fit_baseline(with_other_weight(baseline.model))
+    baseline = fit_baseline(with_weight_of(baseline_model(campaign, data), like))
+    if like is None and weight_matters(baseline):
+        swung = fit(with_other_weight(baseline.model), baseline.layout, baseline.x)
         baseline = min(baseline, swung, key=lambda f: f.chi_square)
     search = Search(campaign.baseline_names, thresholds, progress)
     outcome = search.run(with_later_cuts(baseline))
-    if weight_matters(outcome.final) and (outcome.accepted or _left(outcome, thresholds)):
+    if like is None and _may_be_the_weight(outcome, thresholds):
         other = fit_baseline(with_other_weight(baseline.model))
         both = (outcome, search.run(with_later_cuts(other)))
         outcome = min(both, key=lambda o: (_left(o, thresholds), _cost(o)))
@@ -107,6 +116,17 @@ def _searched(
     progress(0.9, 'held-out recordings')
     search.check(outcome)
     return outcome
+
+
+def _may_be_the_weight(outcome: Outcome, thresholds: Thresholds) -> bool:
+    """Whether the weight, taken the other way, may explain what is left or was found."""
+    final = outcome.final
+    if not weight_matters(final):
+        return False
+    if not outcome.accepted or _left(outcome, thresholds):
+        return _left(outcome, thresholds)
+    other = fit(with_other_weight(final.model), final.layout, final.x)
+    return other.chi_square < final.chi_square + _PRICE
 
 
 def _left(outcome: Outcome, thresholds: Thresholds) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from impactscope.discrepancy.impact.fit import Fit
 from impactscope.discrepancy.impact.model import LARGE_ANGLES, ImpactModel
 
-__all__ = ['weight_matters', 'with_other_weight']
+__all__ = ['weight_matters', 'with_other_weight', 'with_weight_of']
 
 _WEIGHTS = ('gravity_load', 'restoring_force')
 _SEEN = 4.0  # chi-square of the difference, below which nobody can tell
@@ -30,3 +30,10 @@ def with_other_weight(model: ImpactModel) -> ImpactModel:
     """A model with its weight as it is not taken there: as it swings, or as it is at contact."""
     swings = model.constants.get(LARGE_ANGLES, 0.0) > 0.0
     return model.extended(constants={LARGE_ANGLES: 0.0 if swings else 1.0})
+
+
+def with_weight_of(model: ImpactModel, other: ImpactModel | None) -> ImpactModel:
+    """A model with its weight taken as another model takes it; as it is without one."""
+    if other is None or LARGE_ANGLES not in other.constants:
+        return model
+    return model.extended(constants={LARGE_ANGLES: other.constants[LARGE_ANGLES]})
