@@ -211,3 +211,9 @@ def test_conceal_writes_a_campaign_and_says_what_is_wrong(capsys, tmp_path):
     assert 'zero_drift@CHANNEL' in err
     assert not (tmp_path / 'no').exists()
     assert 'coulomb_friction' in run(capsys, 'conceal', '--list')[1]
+
+
+def test_conceal_hides_nothing_on_request(capsys, tmp_path):
+    sizes = ('--blows', '2', '--sample-rate', '1000', '--duration', '0.4')
+    assert run(capsys, 'conceal', 'none', '-o', tmp_path / 'clean', *sizes)[0] == 0
+    assert (tmp_path / 'clean' / 'campaign.yaml').exists()

@@ -59,7 +59,8 @@ def conceal(
         Optional[list[str]],
         typer.Argument(
             metavar='[EFFECT]...',
-            help='name:parameter=value,... or name@channel:parameter=value,...; none: nothing.',
+            help='name:parameter=value,... or name@channel:parameter=value,...; without any, '
+            'or with the word none, nothing is hidden.',
         ),
     ] = None,
     output: Annotated[Path, typer.Option('--output', '-o', help='Folder of the campaign.')] = Path(
@@ -83,12 +84,13 @@ def conceal(
     )
 
     if list_effects:
-        table = Table('effect', 'parameters, unit (default)', 'what it is')
+        table = Table('effect', 'parameters, unit (default)', 'what it is', 'law')
+        table.columns[0].no_wrap = True
         for row in describe_effects():
             table.add_row(*map(escape, row))
         out.print(table)
         return
-    hidden = [parse_effect(text) for text in effects or ()]
+    hidden = [parse_effect(text) for text in effects or () if text != 'none']
     with Bar('simulating the blows') as advance:
         write_campaign(
             output,

@@ -51,8 +51,8 @@ RELEASE_STD = 0.1  # deg
 BARE = BareContact(5e8, restitution=0.5)
 
 
-def describe_effects() -> list[tuple[str, str, str]]:
-    """Name, parameters with their units, and sentence of all that can be concealed."""
+def describe_effects() -> list[tuple[str, str, str, str]]:
+    """Name, parameters with their units, sentence and equation of all that can be concealed."""
     return [
         (
             kind.name,
@@ -61,6 +61,7 @@ def describe_effects() -> list[tuple[str, str, str]]:
                 for p in kind.parameters
             ),
             kind.sentence,
+            kind.equation,
         )
         for kind in all_mechanisms().values()
     ]
