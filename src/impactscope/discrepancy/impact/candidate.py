@@ -23,7 +23,8 @@ class Candidate:
     """Something that may be missing: what it adds to a model and where to start.
 
     ``starts``: values from which the search sets out. ``amplitudes``: the numbers that make the
-    effect vanish together when they reach ``absent``.
+    effect vanish together when they reach ``absent``; ``along``: those that go with them while it
+    grows or shrinks, so that its times stay.
     """
 
     label: str
@@ -34,6 +35,7 @@ class Candidate:
     constants: Mapping[str, float] = field(default_factory=dict)
     starts: tuple[Mapping[str, float], ...] = ({},)
     amplitudes: Mapping[str, float] = field(default_factory=dict)  # key to absent value
+    along: tuple[str, ...] = ()
     channel: str = ''
     recording: str = ''
     parameter: str = ''  # of the baseline, where that is what is wrong
@@ -66,4 +68,7 @@ def stronger(candidate: Candidate, start: Mapping[str, float], factor: float) ->
             scaled[key] = scaled[key] / max(factor, 1e-9)
         else:
             scaled[key] = absent + factor * (scaled[key] - absent)
+    for key in candidate.along:
+        if key in scaled and factor > 0.0:
+            scaled[key] = factor * scaled[key]
     return scaled

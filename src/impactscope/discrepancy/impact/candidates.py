@@ -86,6 +86,7 @@ def _bench_candidates(kind: Mechanism, model: ImpactModel, scene: Scene) -> Iter
             if p.absent is not None and math.isfinite(p.absent)
         }
         | {f'{active.tag}.{p.name}': math.inf for p in fitted if p.name == vanishes},
+        along=tuple(f'{active.tag}.{p.name}' for p in fitted if p.with_strength),
     )
     yield candidate
     shares = implied_shares(model, kind.name) if kind.name in _WEIGHTS else {}

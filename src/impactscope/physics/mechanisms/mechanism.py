@@ -53,7 +53,8 @@ class Parameter:
 
     ``absent`` is the value at which the mechanism is not there; None for a number that only
     matters while the mechanism is there. ``start``: values from which a search sets out.
-    ``default``: taken where the value is not given; NaN where it must be.
+    ``default``: taken where the value is not given; NaN where it must be. ``with_strength``: what
+    it is over the effect's strength, a time say, is what matters.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Parameter:
     default: float = math.nan
     whole: bool = False  # takes whole numbers only
     logarithmic: bool = True  # search on a logarithmic scale
+    with_strength: bool = False
 
     def check(self, value: float, mechanism: str) -> float:
         """Return ``value``; raise ConfigurationError where it is out of bounds."""

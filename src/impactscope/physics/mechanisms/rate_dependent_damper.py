@@ -32,7 +32,7 @@ MECHANISM = Mechanism(
     equation="f = k_b (u - z), c_b z' = f",
     parameters=(
         Parameter('stiffness', 'N/m', 0.0, 1e7, (5e3, 3e4), absent=0.0),
-        Parameter('damping', 'N s/m', 1e-1, 1e8, (30.0, 300.0, 3e4)),
+        Parameter('damping', 'N s/m', 1e-4, 1e8, (30.0, 300.0, 3e4), with_strength=True),
     ),
     source='generalised Maxwell model; paper eq. 11 to 14',
     test='blows at several speeds with the damper, and compression tests at several rates',

@@ -1,0 +1,28 @@
+"""Where a candidate's search begins: as strong as it is, with times of its own."""
+
+from __future__ import annotations
+
+import pytest
+
+from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact.candidate import Candidate, stronger
+from impactscope.physics.twin.assembly import Effect
+
+
+def test_a_weaker_effect_keeps_its_times():
+    branch = Candidate('branch', 'branch', 'damper', amplitudes={'k': 0.0}, along=('c',))
+    assert stronger(branch, {'k': 5e3, 'c': 30.0, 'other': 2.0}, 0.01) == {
+        'k': pytest.approx(50.0),
+        'c': pytest.approx(0.3),
+        'other': 2.0,
+    }
+
+
+def test_a_weak_further_branch_of_the_layer(make_campaign):
+    """It relaxes within milliseconds; a search from a strong one finds seconds."""
+    branch = Effect('rate_dependent_damper', {'stiffness': 60.0, 'damping': 0.3})
+    answer = explain(make_campaign(31, [branch], rate=5000.0))
+    assert answer.accepted == ('rate_dependent_damper',)
+    found = answer.ranking[0].parameters
+    for name, true in (('stiffness', 60.0), ('damping', 0.3)):
+        assert abs(found[name].value - true) < 4.0 * found[name].std
