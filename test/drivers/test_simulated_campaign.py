@@ -82,6 +82,8 @@ def test_effect_of_a_layer_needs_the_layer(tmp_path: Path) -> None:
 
 
 def test_every_mechanism_is_listed_with_its_units() -> None:
-    rows = {name: parameters for name, parameters, _ in describe_effects()}
+    rows = {name: parameters for name, parameters, _, _ in describe_effects()}
+    laws = {name: law for name, _, _, law in describe_effects()}
+    assert 'gap' in laws['clearance']
     assert rows['coulomb_friction'] == 'force N'
     assert 'frequency Hz (50)' in rows['mains_hum']
