@@ -122,6 +122,15 @@ def test_a_cubic_spring_is_found_in_a_channel_that_drifts_far():
         assert abs(told.value - true) < 4 * told.std
 
 
+def test_a_strong_filter_is_no_further_mode():
+    """What it leaves is far from noise, and a mode as damped as the filter explains most of it."""
+    sections = signal.butter(2, 250.0, fs=RATE, output='sos')
+    answer = explain_driven(made(6, chain=lambda y: signal.sosfilt(sections, y)))
+    assert answer.accepted == ('low_pass_filter',)
+    cutoff = answer.ranking[0].parameters['cutoff']
+    assert abs(cutoff.value - 250.0) < 4 * cutoff.std
+
+
 def test_stiffness_that_differs_between_recordings_is_unknown():
     laws = [lambda x, _v, s=s: s * STIFFNESS * x for s in (0.0, 5e-4, -5e-4, 0.0)]
     answer = explain_driven(made(4, laws=laws))
