@@ -107,6 +107,13 @@ def test_friction_turns_with_the_speed():
     assert abs(found.value - 0.1) < 4.0 * found.std
 
 
+def test_friction_beside_a_wrong_zero_may_differ_by_direction():
+    answer = explain_driven(campaign(14, lambda i, t, x, v: 0.3 * np.sign(v) + 1.0))
+    assert set(answer.accepted) == {'coulomb_friction', 'offset'}
+    for finding in answer.ranking[:2]:
+        assert 'asymmetric_friction' in finding.confused_with
+
+
 @pytest.mark.parametrize(
     'law',
     [

@@ -11,6 +11,7 @@ from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.humming import hum_in_force
 from impactscope.discrepancy.driven.measuring import filter_of
 from impactscope.discrepancy.driven.model import OscillatorModel
+from impactscope.discrepancy.driven.moved import MovedModel
 from impactscope.discrepancy.driven.strangers import Verdict
 from impactscope.discrepancy.driven.subject import Subject
 from impactscope.discrepancy.driven.terms import Term, key
@@ -114,21 +115,26 @@ def _confused(
 
 
 def _same_law(s: Subject, term: Term) -> tuple[str, ...]:
-    """Other words for a law of a driven mass: no recording of it can tell them apart.
+    """Other words for a law that no recording can tell apart.
 
-    Friction that differs by direction is plain friction beside a constant force; a constant force
-    on an axis may be a weight.
+    Friction that differs by direction is plain friction beside a constant force, which on a
+    prescribed motion may as well be a wrong zero; a constant force on an axis may be a weight.
     """
-    if not isinstance(s.model, OscillatorModel) or s.model.free:
+    if isinstance(s.model, OscillatorModel):
+        if s.model.free:
+            return ()
+        labels, label = {t.label for t in s.outcome.best.terms}, term.label
+    elif isinstance(s.model, MovedModel):
+        labels, label = {t.name for t in s.outcome.best.terms}, term.name
+    else:
         return ()
-    labels = {t.label for t in s.outcome.best.terms}
     found: tuple[str, ...] = ()
-    if term.label == 'asymmetric_friction':
+    if label == 'asymmetric_friction':
         found = ('coulomb_friction', 'offset')
-    elif term.label in {'coulomb_friction', 'offset'} and {'coulomb_friction', 'offset'} <= labels:
+    elif label in {'coulomb_friction', 'offset'} and {'coulomb_friction', 'offset'} <= labels:
         found = ('asymmetric_friction',)
-    if term.label == 'offset' and _on_axis(s):
-        found = (*found, 'gravity_load')
+    if label in {'offset', 'gravity_load'} and _on_axis(s):
+        found = (*found, 'gravity_load' if label == 'offset' else 'offset')
     return found
 
 
