@@ -141,7 +141,7 @@ class Campaign:
     pendulum: Mapping[str, Quantity] = field(default_factory=dict)
     release_angle_std_deg: float = DEFAULT_ANGLE_STD_DEG
     clock_std: float = 0.0  # s, between devices
-    gain_std: Mapping[str, float] = field(default_factory=lambda: dict(DEFAULT_GAIN_STD))
+    gain_std: Mapping[str, float] = field(default_factory=dict)  # by channel or quantity, stated
     noise_std: Mapping[str, float] = field(default_factory=dict)  # by channel, where stated
     bench: Mapping[str, Any] = field(default_factory=dict)
     model: Mapping[str, Any] = field(default_factory=dict)
@@ -157,9 +157,15 @@ class Campaign:
         return tuple(r for r in self.recordings if r.role is role)
 
     def gain_std_of(self, channel: str) -> float:
-        """Relative calibration uncertainty of a channel: its own, or that of its quantity."""
+        """Relative calibration uncertainty of a channel, presumed where it is not stated."""
+        stated = self.stated_gain_std_of(channel)
+        return DEFAULT_GAIN_STD.get(channel.split('.', 1)[0], 0.0) if stated is None else stated
+
+    def stated_gain_std_of(self, channel: str) -> float | None:
+        """Relative calibration uncertainty: a channel's own, or that of its quantity."""
         quantity = channel.split('.', 1)[0]
-        return float(self.gain_std.get(channel, self.gain_std.get(quantity, 0.0)))
+        stated = self.gain_std.get(channel, self.gain_std.get(quantity))
+        return None if stated is None else float(stated)
 
     def with_samples(
         self,

@@ -12,7 +12,6 @@ from typing import Any
 
 from impactscope.discrepancy.campaign import (
     DEFAULT_ANGLE_STD_DEG,
-    DEFAULT_GAIN_STD,
     DEFAULT_STD,
     BaselineItem,
     Campaign,
@@ -113,8 +112,6 @@ def parse_campaign(data: Any, name: str = 'campaign') -> Campaign:
                 'No damper layer is described: its stiffnesses and its damping are estimated.'
             )
         _note_what_is_missing(recordings, pendulum, damper, notes)
-    gain_std = dict(DEFAULT_GAIN_STD)
-    gain_std.update(_floats(top.mapping('gain_std', optional=True)))
     result = Campaign(
         name=name,
         kind=kind,
@@ -126,7 +123,7 @@ def parse_campaign(data: Any, name: str = 'campaign') -> Campaign:
         pendulum=pendulum,
         release_angle_std_deg=angle_std,
         clock_std=_positive(top.take('clock_std', 0.0), f'{name}: clock_std'),
-        gain_std=gain_std,
+        gain_std=_floats(top.mapping('gain_std', optional=True)),
         noise_std=_floats(top.mapping('noise_std', optional=True)),
         bench=dict(bench.data),
         model=dict(top.mapping('model', optional=True).data),

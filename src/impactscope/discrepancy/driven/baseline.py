@@ -7,6 +7,7 @@ its simulation has is added to it.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +28,7 @@ __all__ = [
     'FREE',
     'MOST_OF_PLATE',
     'Start',
+    'gain_tolerance',
     'held_between_samples',
     'linear_start',
     'sprung',
@@ -77,9 +79,22 @@ def linear_start(campaign: Campaign, notes: list[str]) -> Start:
     return Start(parts, *linear_oscillator(parts, spring=spring, held=held))
 
 
+def gain_tolerance(campaign: Campaign) -> float | None:
+    """Relative uncertainty of the gain between both ends of a chain, where one is stated."""
+    ends = (str(campaign.bench.get('input', '')), str(campaign.bench.get('output', '')))
+    stated = [x for x in map(campaign.stated_gain_std_of, ends) if x is not None]
+    return math.hypot(*stated) if stated else None
+
+
 def with_known(campaign: Campaign, model: Model, segments: Sequence[Segment], linear: Fit) -> Fit:
-    """The baseline with the mechanisms that the campaign says the simulation has."""
+    """The baseline with the mechanisms that the campaign says the simulation has.
+
+    A gain that is known to a tolerance is a number of it.
+    """
     baseline = linear
+    if gain_tolerance(campaign) is not None:
+        for term in (t for t in model.terms if t.name == 'wrong_parameter'):
+            baseline = _extended(model, segments, baseline, term, {})
     for item in campaign.baseline:
         if item.name in LINEAR:
             continue

@@ -26,6 +26,7 @@ COARSE = 0.3  # of the noise: steps from which they look like other laws
 STAIRS = ('a step at zero', 'a dead band', 'a backlash')
 SMALL = 0.003  # of the largest reading
 BEYOND = 5.0  # times the noise: a reading that is one
+ONE_SIGN = 1e-4  # share of the power that the other sign may have
 RATIO = 0.1  # damping ratio of a resonance
 MAINS = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
 
@@ -55,14 +56,14 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
         ('a reading that is not straight', [y**3 for y in outputs]),
         ('a reading that is not straight', [y * np.abs(y) for y in outputs]),
         ('a reading that is not straight near its end', [y**7 for y in outputs]),
-        ('a gain that depends on the sign', [np.abs(y) for y in outputs]),
+        ('a gain that depends on the sign', _by_sign(clear)),
         ('a step at zero', [np.sign(y) for y in clear]),
         ('a dead band', [np.clip(y, -0.01, 0.01) for y in clear]),
         ('a dead band', [np.clip(y, -0.1, 0.1) for y in clear]),
         ('a gain that changes in time', [y * t for y, t in zip(outputs, times, strict=True)]),
         ('a zero that runs off', [t**2 for t in times]),
     ):
-        if not ((stepped or coloured) and name in STAIRS):
+        if parts and not ((stepped or coloured) and name in STAIRS):
             yield name, [column(parts)]
     rates = [np.gradient(y) for y in outputs]
     sharp = [
@@ -115,3 +116,11 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
         ringing = [signal.lfilter(b, a, y) for y in outputs]
         rest = [np.gradient(y) for y in ringing]
         yield f'a resonance or a notch near {turn:.3g} Hz', [column(ringing), column(rest)]
+
+
+def _by_sign(outputs: Sequence[Array]) -> list[Array]:
+    """Size of readings; none where all have one sign, for there it is the reading itself."""
+    below, above = (
+        sum(float(np.sum(np.clip(k * y, 0.0, None) ** 2)) for y in outputs) for k in (-1, 1)
+    )
+    return [np.abs(y) for y in outputs] if min(below, above) > ONE_SIGN * max(below, above) else []

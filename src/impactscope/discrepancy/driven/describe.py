@@ -38,7 +38,7 @@ def describe(s: Subject) -> Answer:
     steps = steps_found(s, final)
     findings[len(accepted) : len(accepted)] = steps
     accepted += [f.name for f in steps]
-    wrong = wrong_parameters(s, final)
+    wrong = wrong_parameters(s)
     findings[len(accepted) : len(accepted)] = wrong
     accepted += [f.name for f in wrong]
     unexplained, sentence = left_over(s, base, final)

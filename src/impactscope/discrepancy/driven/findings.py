@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from impactscope.discrepancy.answer import Finding, ParameterEstimate
+from impactscope.discrepancy.campaign import CampaignKind
+from impactscope.discrepancy.driven.baseline import gain_tolerance
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.humming import hum_in_force
 from impactscope.discrepancy.driven.measuring import filter_of
@@ -302,36 +304,47 @@ def _overlapping(frequencies: Sequence[float], ratios: Sequence[float]) -> str:
     return ''
 
 
-def wrong_parameters(s: Subject, final: Fit) -> list[Finding]:
+def wrong_parameters(s: Subject) -> list[Finding]:
     """Numbers that the campaign states and the recordings contradict."""
     found = []
-    values = s.outcome.best.values if s.modes is None else {}
-    channels = [s.segments[0].channel, str(s.campaign.bench.get('input', ''))]
-    for stated, fitted in STATED:
-        quantity = s.campaign.sensor.get(stated)
-        if quantity is None or not quantity.known or fitted not in values:
+    values, certain = s.outcome.best.values, s.outcome.best.std
+    for name, fitted, stated, std in [] if s.modes is not None else _stated(s):
+        if fitted not in values:
             continue
-        value = values[fitted]
-        gains = [s.campaign.gain_std_of(c) for c in channels]
-        std = math.hypot(
-            quantity.std, s.outcome.best.std.get(fitted, 0.0), *(g * value for g in gains)
-        )
-        off = value - quantity.value
-        floor = 0.0 if s.case is not None else 0.005 * abs(quantity.value)
-        if abs(off) > SUSPECT * std + floor:
-            ratio = values[fitted] / quantity.value
+        value = values[fitted] + (1.0 if fitted.endswith('.excess') else 0.0)
+        std = math.hypot(std, certain.get(fitted, 0.0))
+        floor = 0.0 if s.case is not None else 0.005 * abs(stated)
+        if abs(value - stated) > SUSPECT * std + floor:
+            ratio = value / stated
             found.append(
                 Finding(
                     'wrong_parameter',
                     1.0,
                     'parameter',
                     {
-                        'name': ParameterEstimate(stated, 0.0, 'text'),
-                        'ratio': ParameterEstimate(ratio, std / abs(quantity.value), '1'),
+                        'name': ParameterEstimate(name, 0.0, 'text'),
+                        'ratio': ParameterEstimate(ratio, std / abs(stated), '1'),
                     },
-                    sentence=f'The stated {stated} is not that of the recordings.',
-                    equation=f'{stated} x {ratio:.4g}',
+                    sentence=f'The stated {name} is not that of the recordings.',
+                    equation=f'{name} x {ratio:.4g}',
                 )
             )
-    del final
     return found
+
+
+def _stated(s: Subject) -> Iterator[tuple[str, str, float, float]]:
+    """Names in the campaign and in fits, values and uncertainties of what the campaign states."""
+    if s.campaign.kind is CampaignKind.CHAIN:
+        tolerance = gain_tolerance(s.campaign)
+        for term in s.outcome.baseline.terms:
+            if term.name == 'wrong_parameter' and tolerance is not None:
+                yield 'gain', f'{term.label}.excess', 1.0, tolerance
+        return
+    channels = [s.segments[0].channel, str(s.campaign.bench.get('input', ''))]
+    gains = [s.campaign.gain_std_of(c) for c in channels]
+    for name, fitted in STATED:
+        quantity = s.campaign.sensor.get(name)
+        if quantity is not None and quantity.known:
+            value = s.outcome.best.values.get(fitted, quantity.value)
+            std = math.hypot(quantity.std, *(g * value for g in gains))
+            yield name, fitted, quantity.value, std

@@ -28,8 +28,9 @@ from impactscope.discrepancy.driven.exact import exact_search
 from impactscope.discrepancy.driven.fitting import Fit, fit
 from impactscope.discrepancy.driven.looks import looks, prospects
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment
-from impactscope.discrepancy.driven.moved import MovedModel, moved_case
-from impactscope.discrepancy.driven.noise_judge import OWN, PRICE, priced, reduced, slight
+from impactscope.discrepancy.driven.more_than_noise import LARGER, SURE, more_than_noise
+from impactscope.discrepancy.driven.moved import moved_case
+from impactscope.discrepancy.driven.noise_judge import OWN, PRICE, priced, reduced
 from impactscope.discrepancy.driven.plate import plate_under_hammer
 from impactscope.discrepancy.driven.recordings import Cut, cuts
 from impactscope.discrepancy.driven.search import Outcome
@@ -42,7 +43,7 @@ from impactscope.discrepancy.driven.slow_noise import (
     without_slow_effects,
 )
 from impactscope.discrepancy.driven.spectral import counting_share
-from impactscope.discrepancy.driven.strangers import Stranger, Verdict, verdict
+from impactscope.discrepancy.driven.strangers import Verdict, verdict
 from impactscope.discrepancy.driven.subject import Subject
 
 __all__ = ['Progress', 'chain_answer', 'mass_answer', 'motion_answer', 'plate_answer']
@@ -65,8 +66,6 @@ SLOW_NOISE = (
 COLOURS = 2  # searches with noise of a colour
 PROSPECTS, STEPS = 4, 2  # effects that are fitted, each beside the best one before
 MOST_LOOKED_AT = 45_000  # samples of a plate far from its noise that are looked at so
-LARGER = 0.25  # of reduced chi-square, by which what is left is more than noise
-SURE = 6.0  # standard deviations of it
 LEVEL = 0.02  # relative change of the noise's level that matters
 
 
@@ -264,8 +263,7 @@ def _exact(
         found = now
     white, (case, outcome, said) = case, best
     known = tuple(notes) if case is white else (*notes, SLOW_NOISE)
-    if case.model.__class__ is MovedModel or case.model.drifts:
-        said = _and_its_size(case, outcome.best, said)
+    said = more_than_noise(case, outcome, said)
     tell(0.95 * share, 'describing')
     subject = Subject(
         campaign, case.model, case.segments, case.judge, outcome, None, known, case, said
@@ -312,23 +310,6 @@ def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
 
 def _terms_of(found: tuple[Case, Outcome, Verdict]) -> frozenset[str]:
     return frozenset(t.label for t in found[1].best.terms)
-
-
-def _and_its_size(case: Case, best: Fit, said: Verdict) -> Verdict:
-    """What a verdict becomes where more than noise is left in any recording, as it is."""
-    if said.left:
-        return said
-    before = case.judge.chi_squares(case.baseline)
-    for s, was, chi_square in zip(
-        case.segments, before, case.judge.chi_squares(best), strict=True
-    ):
-        count = s.measured.size
-        error = slight(best) * was / count
-        if chi_square / count > 1.0 + LARGER + SURE * math.sqrt(2.0 / count) + error:
-            law = f'nothing that was tried; {s.recording} is left {chi_square / count:.3g} times'
-            rest = Stranger(f'{law} its noise in power', chi_square - count, 1)
-            return Verdict(True, not best.terms, rest, 1.0)
-    return said
 
 
 def _errs(answer: Answer) -> bool:

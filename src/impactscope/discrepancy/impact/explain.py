@@ -32,6 +32,7 @@ from impactscope.discrepancy.impact.search import Search
 from impactscope.discrepancy.impact.slow_noise import likelier, noise_left
 from impactscope.discrepancy.impact.swing import (
     weight_matters,
+    with_likelier_weight,
     with_other_weight,
     with_weight_of,
 )
@@ -104,8 +105,7 @@ def _searched(
     progress(0.02, 'baseline')
     baseline = fit_baseline(with_weight_of(baseline_model(campaign, data), like))
     if like is None and weight_matters(baseline):
-        swung = fit(with_other_weight(baseline.model), baseline.layout, baseline.x)
-        baseline = min(baseline, swung, key=lambda f: f.chi_square)
+        baseline = with_likelier_weight(baseline)
     search = Search(campaign.baseline_names, thresholds, progress)
     outcome = search.run(with_later_cuts(baseline))
     if like is None and _may_be_the_weight(outcome, thresholds):

@@ -26,6 +26,8 @@ __all__ = [
     'fit_baseline',
     'follow',
     'followed',
+    'follows_all',
+    'further',
     'further_misfit',
     'held_out_fit',
     'prediction_misfit',
@@ -58,13 +60,13 @@ def fit_baseline(model: ImpactModel) -> Fit:
     starts = cold_starts(model)
     bare = 'contact.stiffness' in model.values(starts[0])
     by_taps = _by_taps(model, starts[0]) if bare else None
-    if by_taps is not None and _settled(by_taps):
+    if by_taps is not None and follows_all(by_taps):
         return by_taps
     short = _short(model, starts)
     found = follow(short)
-    if not _settled(found) and _open(short):
+    if not follows_all(found) and _open(short):
         found = _by_other_ways(short, found)
-    return found if by_taps is None else _further(found, by_taps)
+    return found if by_taps is None else further(found, by_taps)
 
 
 def begun(model: ImpactModel) -> Fit:
@@ -112,7 +114,7 @@ def _by_taps(model: ImpactModel, start: Array) -> Fit | None:
         return None
 
 
-def _further(found: Fit, other: Fit) -> Fit:
+def further(found: Fit, other: Fit) -> Fit:
     """The fit that follows the blows further; of two that go as far the one that leaves less."""
     longer = other.layout.size > 1.02 * found.layout.size
     as_long = other.layout.size > 0.98 * found.layout.size
@@ -121,7 +123,7 @@ def _further(found: Fit, other: Fit) -> Fit:
     return found
 
 
-def _settled(found: Fit) -> bool:
+def follows_all(found: Fit) -> bool:
     """Whether a fit follows all blows to their end and leaves no more than noise."""
     whole = found.model.layout(found.layout.blows).size
     return found.layout.size == whole and found.reduced < 1.0 + math.sqrt(2.0 / whole)
@@ -151,8 +153,8 @@ def _by_other_ways(short: Fit, found: Fit) -> Fit:
         for x in (short.x + step, short.x - step):
             start = dataclasses.replace(short, x=np.clip(x, lower, upper))
             with contextlib.suppress(ImpactscopeError):
-                found = _further(found, follow(start))
-            if _settled(found):
+                found = further(found, follow(start))
+            if follows_all(found):
                 return found
     return found
 
@@ -224,8 +226,8 @@ def held_out_fit(found: Fit, blows: Sequence[int], window: float = math.inf) -> 
             continue
         predicted = follow(short, window)
         best = found_best
-        further = best is None or predicted.layout.size > 1.02 * best.layout.size
-        if best is None or further or predicted.chi_square < best.chi_square - 1.0:
+        longer = best is None or predicted.layout.size > 1.02 * best.layout.size
+        if best is None or longer or predicted.chi_square < best.chi_square - 1.0:
             found_best = predicted
         if found_best is not None and found_best.reduced < _PREDICTED:
             break

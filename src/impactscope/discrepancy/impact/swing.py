@@ -7,10 +7,11 @@ weight means either.
 
 from __future__ import annotations
 
-from impactscope.discrepancy.impact.fit import Fit
+from impactscope.discrepancy.impact.fit import Fit, fit
+from impactscope.discrepancy.impact.follow import fit_baseline, follows_all, further
 from impactscope.discrepancy.impact.model import LARGE_ANGLES, ImpactModel
 
-__all__ = ['weight_matters', 'with_other_weight', 'with_weight_of']
+__all__ = ['weight_matters', 'with_likelier_weight', 'with_other_weight', 'with_weight_of']
 
 _WEIGHTS = ('gravity_load', 'restoring_force')
 _SEEN = 4.0  # chi-square of the difference, below which nobody can tell
@@ -30,6 +31,19 @@ def with_other_weight(model: ImpactModel) -> ImpactModel:
     """A model with its weight as it is not taken there: as it swings, or as it is at contact."""
     swings = model.constants.get(LARGE_ANGLES, 0.0) > 0.0
     return model.extended(constants={LARGE_ANGLES: 0.0 if swings else 1.0})
+
+
+def with_likelier_weight(baseline: Fit) -> Fit:
+    """A baseline with its weight taken the way that leaves less.
+
+    A weight that acts otherwise bends the numbers of a baseline until the later bounces are met
+    somehow. From there no fit may lead back: then the other way has a cold start of its own.
+    """
+    model = with_other_weight(baseline.model)
+    near = fit(model, baseline.layout, baseline.x)
+    if near.chi_square < baseline.chi_square:
+        return near
+    return baseline if follows_all(baseline) else further(baseline, fit_baseline(model))
 
 
 def with_weight_of(model: ImpactModel, other: ImpactModel | None) -> ImpactModel:

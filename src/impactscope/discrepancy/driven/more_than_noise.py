@@ -1,0 +1,83 @@
+"""Whether what is left is more than noise by its size alone, in a recording or in a part of one.
+
+A law that acts for a few milliseconds only, or in one recording, may look like none of those that
+are tried; what it leaves is there all the same.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.driven.case import Case
+from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.model import OscillatorModel
+from impactscope.discrepancy.driven.moved import MovedModel
+from impactscope.discrepancy.driven.noise_judge import innovations, slight
+from impactscope.discrepancy.driven.search import Outcome
+from impactscope.discrepancy.driven.strangers import Stranger, Verdict
+
+__all__ = ['LARGER', 'SURE', 'more_than_noise']
+
+Array = NDArray[np.float64]
+
+LARGER = 0.25  # of reduced chi-square, by which what is left is more than noise
+MUCH_LARGER = 1.0  # the same where the level of the noise is read from the same recordings
+SURE = 6.0  # standard deviations of it
+STRETCH = 32  # samples in a row
+LOUD = 4.0  # times the noise, in power, that no such stretch has by chance
+MOST = 4.0  # times the noise: what a single sample may count, for some stand out alone
+
+
+def more_than_noise(case: Case, outcome: Outcome, said: Verdict) -> Verdict:
+    """What a verdict becomes where more than noise is left, whatever it looks like.
+
+    Of plates and chains the noise's level is known less well: there a recording is compared with
+    what is left of the others.
+    """
+    if said.left:
+        return said
+    best = outcome.best
+    before, left = case.judge.chi_squares(outcome.baseline), case.judge.chi_squares(best)
+    usual, larger = 1.0, LARGER
+    if not (isinstance(case.model, MovedModel) or case.model.drifts):
+        pairs = zip(left, case.segments, strict=True)
+        ratios = [x / s.measured.size for x, s in pairs if not s.held_out]
+        usual, larger = max(1.0, float(np.median(ratios))), MUCH_LARGER
+    alone = best is outcome.baseline
+    for s, was, chi_square in zip(case.segments, before, left, strict=True):
+        count = s.measured.size
+        error = slight(best) * was / count
+        if chi_square / count > usual * (1.0 + larger + SURE * math.sqrt(2.0 / count)) + error:
+            law = f'nothing that was tried; {s.recording} is left {chi_square / count:.3g} times'
+            rest = Stranger(f'{law} its noise in power', chi_square - count, 1)
+            return Verdict(True, alone, rest, 1.0)
+    if isinstance(case.model, OscillatorModel):
+        return said  # an error of the force rings on, and a slip comes a sample early or late
+    loudest = max(
+        (_loudest(case, outcome.baseline, best, i, usual) for i in range(len(case.segments))),
+        key=lambda found: found[0],
+    )
+    if loudest[0] > LOUD:
+        return Verdict(True, alone, Stranger(loudest[1], (loudest[0] - 1.0) * STRETCH, 1), 1.0)
+    return said
+
+
+def _loudest(case: Case, baseline: Fit, best: Fit, index: int, usual: float) -> tuple[float, str]:
+    """The loudest stretch of a recording in units of the usual noise's power, and where it is."""
+    s = case.segments[index]
+    now, was = (innovations(s, made.residuals[index]) for made in (best, baseline))
+    if now.size < STRETCH:
+        return 0.0, ''
+    even = np.full(STRETCH, 1.0 / STRETCH)
+    power = np.convolve(np.clip(now, -MOST, MOST) ** 2, even, 'valid') / usual
+    # what is left of a strong effect goes with it
+    power = power - slight(best) * np.convolve(was**2, even, 'valid')
+    place = int(np.argmax(power))
+    begin, end = (s.begin + s.period * k for k in (place, place + STRETCH))
+    return float(power[place]), (
+        f'nothing that was tried; {s.recording} is left {power[place]:.3g} times its noise in '
+        f'power from {begin:.4g} to {end:.4g} s'
+    )
