@@ -35,6 +35,7 @@ __all__ = [
     'stated_modes',
     'with_known',
     'with_right_signs',
+    'with_the_mass_alone',
 ]
 
 FREE = ('', 'none', 'null')
@@ -108,6 +109,31 @@ def with_known(campaign: Campaign, model: Model, segments: Sequence[Segment], li
         tries = [_extended(model, segments, baseline, term, item.values) for term in forms]
         baseline = min(tries, key=lambda f: _misfit(f, segments))
     return baseline
+
+
+def with_the_mass_alone(campaign: Campaign) -> Campaign:
+    """The campaign without outputs that are not the motion of its mass, and a note.
+
+    What a spring passes on is the motion times its stiffness: it tells nothing of the mass that
+    the motion does not, and no more of the spring than of its own calibration. A base that yields
+    shows in the motion of what stands on it.
+    """
+    if campaign.kind is not CampaignKind.DRIVEN:
+        return campaign
+    outputs = [str(name) for name in campaign.bench['outputs']]
+    others = [n for n in outputs if n.startswith('force') or n.endswith('.base')]
+    motions = [name for name in outputs if name not in others]
+    if not others or not motions:
+        return campaign
+    note = (
+        f'{", ".join(others)}: not compared, for it is not the motion of the mass; what is '
+        f'missing is looked for in {", ".join(motions)}.'
+    )
+    return dataclasses.replace(
+        campaign,
+        bench={**campaign.bench, 'outputs': motions},
+        notes=(*campaign.notes, note),
+    )
 
 
 def with_right_signs(campaign: Campaign) -> Campaign:

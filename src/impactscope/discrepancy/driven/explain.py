@@ -14,6 +14,7 @@ from impactscope.discrepancy.driven.baseline import (
     stated_modes,
     with_known,
     with_right_signs,
+    with_the_mass_alone,
 )
 from impactscope.discrepancy.driven.chain import ChainModel
 from impactscope.discrepancy.driven.decide import Judge, noise_share
@@ -57,7 +58,7 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     """
     tell = progress or (lambda _share, _text: None)
     tell(0.02, 'fitting the baseline')
-    campaign = with_right_signs(campaign)
+    campaign = with_right_signs(with_the_mass_alone(campaign))
     notes = list(campaign.notes)
     begun = linear_start(campaign, notes)
     parts, model, segments, linear = begun.parts, begun.model, begun.segments, begun.linear
