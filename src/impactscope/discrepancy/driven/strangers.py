@@ -43,6 +43,7 @@ FALSE = 0.002  # chance that something is called left where nothing is
 BESIDE = (
     1e-4  # the same beside a finding: what the finding's own errors leave looks like a law, too
 )
+LONE, TOLD = 6, 4.0  # samples that may stand out, and the chi-square that each of them may tell
 MARGIN = 10.0  # chi-square by which a law beyond the vocabulary must be the better explanation
 
 
@@ -122,7 +123,7 @@ def strangers(
         if rank > 0:
             plain = gain
             if Stranger(law, gain, rank).p_value < FALSE:
-                gain = _worth(here.residual, column, sizes)
+                gain = min(_worth(here.residual, column, sizes), _of_many(here.residual, column))
             best = all(equivalent_gain(gain, rank) > f.worth for f in found)
             found.append(Stranger(law, gain, rank, column if best else None, plain))
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
@@ -133,6 +134,17 @@ def strangers(
     if line is not None:
         found.append(line)
     return sorted(found, key=lambda s: -s.worth)
+
+
+def _of_many(residual: Array, column: Array) -> float:
+    """Chi-square that a law takes away where no few samples decide.
+
+    A sample in which a friction turns round, or a stop is met, is right or wrong by hundredths of
+    its duration: it may tell many standard deviations and mean nothing.
+    """
+    fall = residual**2 - (residual - column) ** 2
+    most = np.partition(fall, -LONE)[-LONE:] if fall.size > LONE else fall
+    return float(np.sum(fall) - np.sum(np.maximum(most - TOLD, 0.0)))
 
 
 def _worth(residual: Array, column: Array, sizes: Sequence[int]) -> float:

@@ -23,7 +23,7 @@ from impactscope.discrepancy.impact.baseline import baseline_model
 from impactscope.discrepancy.impact.data import CampaignData, prepare
 from impactscope.discrepancy.impact.estimates import fitted_numbers, saved_model
 from impactscope.discrepancy.impact.figures import fit_table, pictures
-from impactscope.discrepancy.impact.fit import Fit, fit
+from impactscope.discrepancy.impact.fit import Fit
 from impactscope.discrepancy.impact.follow import fit_baseline, held_out_fit, prediction_misfit
 from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.discrepancy.impact.outcome import Outcome, with_findings
@@ -108,25 +108,17 @@ def _searched(
         baseline = with_likelier_weight(baseline)
     search = Search(campaign.baseline_names, thresholds, progress)
     outcome = search.run(with_later_cuts(baseline))
-    if like is None and _may_be_the_weight(outcome, thresholds):
-        other = fit_baseline(with_other_weight(baseline.model))
-        both = (outcome, search.run(with_later_cuts(other)))
-        outcome = min(both, key=lambda o: (_left(o, thresholds), _cost(o)))
+    if like is None and weight_matters(outcome.final):
+        if _left(outcome, thresholds):
+            other = fit_baseline(with_other_weight(baseline.model))
+            both = (outcome, search.run(with_later_cuts(other)))
+            outcome = min(both, key=lambda o: (_left(o, thresholds), _cost(o)))
+        elif outcome.accepted:
+            outcome = search.with_other_weight(outcome)
     outcome.tests = None  # of what is left now
     progress(0.9, 'held-out recordings')
     search.check(outcome)
     return outcome
-
-
-def _may_be_the_weight(outcome: Outcome, thresholds: Thresholds) -> bool:
-    """Whether the weight, taken the other way, may explain what is left or was found."""
-    final = outcome.final
-    if not weight_matters(final):
-        return False
-    if not outcome.accepted or _left(outcome, thresholds):
-        return _left(outcome, thresholds)
-    other = fit(with_other_weight(final.model), final.layout, final.x)
-    return other.chi_square < final.chi_square + _PRICE
 
 
 def _left(outcome: Outcome, thresholds: Thresholds) -> bool:

@@ -22,7 +22,7 @@ from impactscope.discrepancy.impact.chain_candidates import delays_like
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit
 from impactscope.discrepancy.impact.outcome import QUIET, Found, settled_without, weigh
 from impactscope.discrepancy.impact.strong import in_place_of, race, related
-from impactscope.discrepancy.impact.workbench import Trial, Workbench
+from impactscope.discrepancy.impact.workbench import Trial, Weakened, Workbench
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
@@ -45,6 +45,7 @@ class JointFits:
     tried: tuple[Array, list[Trial]] = field(default_factory=lambda: (np.zeros(0), []))
     """Residual and trials of the last ordering."""
     window: float = math.inf  # s after the onset, that is being looked at
+    weakened: Weakened = field(default_factory=dict)  # where trials begin that were too strong
 
     def step(
         self, current: Fit, sound: Fit | None = None, most: int = 0
@@ -108,7 +109,7 @@ class JointFits:
 
     def order(self, current: Fit, listed: Sequence[Candidate]) -> list[Trial]:
         """Every candidate tried, the most promising first."""
-        workbench = Workbench(current)
+        workbench = Workbench(current, self.weakened)
         tried = [found for c in listed if (found := workbench.best(c))]
         self.tried = workbench.residual, [t for found in tried for t in found]
         tried.sort(key=lambda found: found[0].gain, reverse=True)

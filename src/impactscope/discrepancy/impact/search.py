@@ -46,6 +46,7 @@ from impactscope.discrepancy.impact.pairs import Pair, pairs
 from impactscope.discrepancy.impact.profiles import profiled
 from impactscope.discrepancy.impact.pruning import prune
 from impactscope.discrepancy.impact.strong import from_first_contact, from_taps
+from impactscope.discrepancy.impact.swing import weight_matters, with_other_weight, with_weight_of
 from impactscope.discrepancy.impact.workbench import Trial, Workbench
 from impactscope.errors import ImpactscopeError
 
@@ -65,6 +66,7 @@ _BEYOND = 1.15  # ratio of the window in which is looked to the one that was rea
 _DETOURS = 3
 _SHORTER = 0.8  # of the samples, that another structure must follow at least
 _TELLING = 4.0  # ratio of reduced chi-squares from which a structure is another
+_WORSE = 1.1  # the same from which a weight is taken otherwise
 _DOUBTED = 5  # candidates that are looked at again where what is left is no noise
 _LEAST_GAIN = 9.0  # of chi-square, of such a candidate with one number
 _LEAST_CHANCE = 0.0027  # that noise alone gives it as much, whatever its numbers
@@ -128,7 +130,7 @@ class Search:
             if followed_whole and not outcome.accepted:
                 # a shorter window knows less: it shall not lead away from what the whole one tells
                 current = dataclasses.replace(current, x=baseline.x)
-            grown, until = _grown(current, reached, window)
+            grown, until = _with_either_weight(current, outcome, reached, window)
             if until < window and detours:
                 # look where the misfit has only begun
                 detours -= 1
@@ -147,7 +149,39 @@ class Search:
                 break  # what comes later only amplifies what is not understood
             sound = current if current.reduced < QUIET else None
         current = self._simpler(current, outcome)
-        doubted = outcome.final = self._doubted(current, outcome)
+        outcome.final = self._doubted(current, outcome)
+        return self._finished(outcome)
+
+    def with_other_weight(self, outcome: Outcome) -> Outcome:
+        """What was found with the weight taken the other way, where that explains it as well.
+
+        A finding that only made up for the weight is not needed there.
+        """
+        final = outcome.final
+        other = fit(with_other_weight(final.model), final.layout, final.x, near=final)
+        if other.chi_square > final.chi_square + _LEAST_GAIN:
+            return outcome
+        model = with_weight_of(outcome.baseline.model, other.model)
+        swung = dataclasses.replace(
+            outcome,
+            baseline=dataclasses.replace(outcome.baseline, model=model),
+            final=other,
+            accepted=list(outcome.accepted),
+            found=dict(outcome.found),
+            rivals=dict(outcome.rivals),
+            doubted=set(outcome.doubted),
+            notes=list(outcome.notes),
+            tests=None,
+        )
+        swung = self._finished(swung)
+        fewer = len(swung.accepted) < len(outcome.accepted)
+        ahead = swung.final.chi_square < outcome.final.chi_square
+        same = swung.final.chi_square < outcome.final.chi_square + _LEAST_GAIN
+        return swung if ahead or (fewer and same) else outcome
+
+    def _finished(self, outcome: Outcome) -> Outcome:
+        """What can be spared goes; the numbers, what is certain of them, and the baseline then."""
+        doubted = outcome.final
         prune(outcome, self.thresholds, self.windows[1], self.progress)
         if outcome.final is not doubted:
             outcome.tests = None
@@ -459,6 +493,28 @@ def _grown(current: Fit, reached: float, window: float) -> tuple[Fit, float]:
 
 def _near(found: Fit, window: float) -> Fit:
     return fit(found.model, _up_to(found, window), found.x)
+
+
+def _with_either_weight(
+    current: Fit, outcome: Outcome, reached: float, window: float
+) -> tuple[Fit, float]:
+    """A longer window, its weight taken the other way where that goes further; see `_grown`.
+
+    While something large is missing the baseline cannot tell how the weight acts. What it gets
+    wrong shows in late bounces, and would be sought among the effects.
+    """
+    grown, until = _grown(current, reached, window)
+    if (until == window and grown.reduced < QUIET) or not weight_matters(grown):
+        return grown, until
+    other = fit(with_other_weight(current.model), current.layout, current.x, iterations=12)
+    if other.reduced > max(QUIET, _WORSE * current.reduced):
+        return grown, until
+    swung, further = _grown(other, reached, window)
+    if further < until or (further == until and _WORSE * swung.reduced > grown.reduced):
+        return grown, until
+    model = with_weight_of(outcome.baseline.model, swung.model)
+    outcome.baseline = dataclasses.replace(outcome.baseline, model=model)
+    return swung, further
 
 
 def _renewed(current: Fit, outcome: Outcome) -> Fit:

@@ -14,6 +14,7 @@ from impactscope.discrepancy.impact.model import LARGE_ANGLES, ImpactModel
 __all__ = ['weight_matters', 'with_likelier_weight', 'with_other_weight', 'with_weight_of']
 
 _WEIGHTS = ('gravity_load', 'restoring_force')
+_SOUND = 1.5  # reduced chi-square of a baseline that lacks nothing large
 _SEEN = 4.0  # chi-square of the difference, below which nobody can tell
 
 
@@ -37,13 +38,17 @@ def with_likelier_weight(baseline: Fit) -> Fit:
     """A baseline with its weight taken the way that leaves less.
 
     A weight that acts otherwise bends the numbers of a baseline until the later bounces are met
-    somehow. From there no fit may lead back: then the other way has a cold start of its own.
+    somehow. From there no fit may lead back: then the other way has a cold start of its own, and
+    is taken if it leaves little. Where much else is missing nobody can tell yet.
     """
     model = with_other_weight(baseline.model)
     near = fit(model, baseline.layout, baseline.x)
     if near.chi_square < baseline.chi_square:
         return near
-    return baseline if follows_all(baseline) else further(baseline, fit_baseline(model))
+    if follows_all(baseline):
+        return baseline
+    other = fit_baseline(model)
+    return further(baseline, other) if other.reduced < _SOUND else baseline
 
 
 def with_weight_of(model: ImpactModel, other: ImpactModel | None) -> ImpactModel:

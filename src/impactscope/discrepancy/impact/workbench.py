@@ -18,12 +18,16 @@ from impactscope.discrepancy.impact.fit import Fit, jacobian, projector
 from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['Trial', 'Workbench']
+__all__ = ['Trial', 'Weakened', 'Workbench']
 
 Array = NDArray[np.float64]
+Weakened = dict[tuple[str, tuple[tuple[str, float], ...]], dict[str, float]]
+"""Starts of candidates, by label and value, at which their effect was weak before."""
 
 _FELT = 15.0  # norm of the change by an effect that is weak
 _WEAKER = 4  # times that a trial is made weaker
+_FAINT = 0.2  # of that norm: weaker ones tell less
+_NEAR = 1.15  # reduced chi-square up to which strong effects are out of the question
 _STARTS = 3  # of a candidate that are refined
 
 
@@ -43,8 +47,9 @@ class Trial:
 class Workbench:
     """Candidates tried at a fitted model, with everything it can re-tune projected out."""
 
-    def __init__(self, current: Fit) -> None:
+    def __init__(self, current: Fit, weakened: Weakened | None = None) -> None:
         self.current = current
+        self.weakened = weakened if weakened is not None and current.reduced < _NEAR else None
         self.basis = projector(current.jacobian)
         self.residual = self._out(current.residuals)
         self.power = float(self.residual @ self.residual)
@@ -92,8 +97,16 @@ class Workbench:
         x = self.vector(model, start)
         if candidate.cost > 4:  # a number for each blow: linear
             return self.refined(Trial(candidate, 0.0, model, x), 1)
+        place = candidate.label, tuple(sorted(start.items()))
+        known = None if self.weakened is None else self.weakened.get(place)
         try:
-            left = self._left(model, x)
+            left = self._left(model, x if known is None else self.vector(model, known))
+            if known is not None:
+                felt = float(np.linalg.norm(left - self.residual)) / _FELT
+                if _FAINT < felt < 1.0 / _FAINT:
+                    start = known
+                else:
+                    left = self._left(model, x)
         except ImpactscopeError:
             return None
         gain = self.power - float(left @ left)
@@ -111,6 +124,8 @@ class Workbench:
             start, left = weaker, changed
             gain = max(gain, self.power - float(left @ left))
             effect = float(np.linalg.norm(left - self.residual))
+        if self.weakened is not None:
+            self.weakened[place] = dict(start)
         factor, linear = self._factor(left)
         if factor < 0.0 and self._one_sided(candidate, start):
             gain, linear, x = min(gain, 0.0), -math.inf, self.vector(model, start)
