@@ -9,7 +9,6 @@ others.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -237,7 +236,6 @@ def exact_search(
     best = _pruned(fits, _other_friction(fits, best, judge), judge)
     best = _other_asymmetry(fits, best, judge)
     best = _against_rivals(fits, best, judge)
-    best = _filtered_instead(fits, best, judge)
     level = judge.criterion(best, baseline) + NEAR
     for made in [f for f in fits.known.values() if judge.criterion(f, baseline) < level]:
         fits.polish(made)
@@ -398,29 +396,6 @@ def _one_delay(fits: _Fits, best: Fit, judge: NoiseJudge) -> Fit:
     inside = _inside(one, best, fits.segments)
     slight = gain.fitted < FORM * whole or inside < judge.needed(gain)
     return fits.polish(one) if slight else best
-
-
-def _filtered_instead(fits: _Fits, best: Fit, judge: Judge) -> Fit:
-    """The best fit with a low-pass of the same delay in place of a clock that is late.
-
-    Most of what a filter far above the motion does is a delay; what is sharp, as dry friction
-    that turns round, shows the rest once the friction is there, too.
-    """
-    clock = next((t for t in best.terms if t.label == 'clock_error/output'), None)
-    names = {t.name for t in best.terms}
-    if clock is None or len(names) < len(DELAYS) or 'low_pass_filter' in names:
-        return best
-    late = best.values[key(clock, clock.numbers[0])]
-    others = tuple(t for t in best.terms if t is not clock)
-    for term in fits.model.terms:
-        if term.name != 'low_pass_filter' or before_sampling(term) or late <= 0.0:
-            continue
-        order, both = filter_of(term)
-        number = term.numbers[0]
-        cutoff = LATE[order] / (2.0 * math.pi * late)
-        if not both and number.lower < cutoff < number.upper:
-            fits.make(best, (*others, term), {key(term, number): cutoff})
-    return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))
 
 
 def _inside(one: Fit, other: Fit, segments: Sequence[Segment]) -> float:
