@@ -1,5 +1,7 @@
 """Chains between two channels that both have noise of their own."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -8,6 +10,7 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.case import BANDS, Bands, band_levels
+from impactscope.discrepancy.driven.chain_laws import _by_sign
 from impactscope.discrepancy.driven.channel_effects import channel_terms
 from impactscope.discrepancy.driven.measuring import (
     between_samples,
@@ -198,3 +201,56 @@ def test_power_that_filters_let_pass():
         share = np.mean(out[5000:15000] ** 2) / np.mean(wave[5000:15000] ** 2)
         known = power_passed(list(chosen.values()), values, np.array([frequency]), RATE)[0]
         assert share == pytest.approx(known, rel=0.02)
+
+
+def with_gain_known_to(made, std):
+    return dataclasses.replace(made, gain_std={'acceleration': std})
+
+
+def test_a_gain_within_its_stated_uncertainty_is_no_finding():
+    made = campaign(51, after=lambda y: 1.004 * y)
+    assert explain_driven(made).accepted == ('wrong_parameter',)
+    answer = explain_driven(with_gain_known_to(made, 0.004))
+    assert answer.accepted == ()
+    excess = answer.extended_parameters['wrong_parameter/gain.excess']
+    assert excess.value == pytest.approx(0.004, abs=4 * excess.std)
+
+
+def test_a_gain_beyond_its_stated_uncertainty_is_wrong():
+    made = with_gain_known_to(campaign(52, after=lambda y: 1.05 * y), 0.004)
+    answer = explain_driven(made)
+    assert answer.accepted == ('wrong_parameter',)
+    found = answer.ranking[0].parameters
+    assert found['name'].value == 'gain'
+    assert found['ratio'].value == pytest.approx(1.05, abs=0.01)
+
+
+def test_readings_of_one_sign_have_no_other_gain_below_zero():
+    above = np.abs(np.random.default_rng(0).standard_normal(100))
+    assert _by_sign([above]) == []
+    assert np.array_equal(_by_sign([above, -above])[1], above)
+
+
+def test_what_acts_for_a_few_milliseconds_is_not_nothing():
+    steepest = 0.8 * np.max(np.abs(np.diff(blows(np.random.default_rng(53)))))
+
+    def limited(x):
+        y = x.copy()
+        for k in range(1, y.size):
+            y[k] = y[k - 1] + np.clip(x[k] - y[k - 1], -steepest, steepest)
+        return y
+
+    assert 'unknown' in explain_driven(campaign(53, part=limited)).accepted
+
+
+def test_what_only_a_held_out_recording_shows_is_not_nothing():
+    made = campaign(54)
+    last = made.recordings[-1]
+    channels = dict(last.channels)
+    output = channels['acceleration.processed']
+    clipped = np.clip(output.values, -20.0, 20.0)
+    channels['acceleration.processed'] = dataclasses.replace(output, values=clipped)
+    recordings = (*made.recordings[:-1], dataclasses.replace(last, channels=channels))
+    answer = explain_driven(dataclasses.replace(made, recordings=recordings))
+    assert answer.accepted == ('unknown',)
+    assert last.file in answer.unexplained_description

@@ -8,7 +8,7 @@ import pytest
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.spectral import stepped, whitening
-from impactscope.discrepancy.driven.strangers import strangers
+from impactscope.discrepancy.driven.strangers import _of_many, strangers
 
 SAMPLES, PERIOD, STEP = 4000, 1e-3, 1e-3
 
@@ -47,3 +47,11 @@ def test_no_line_is_sought_where_an_encoder_steps(coarse):
     steps = stepped(STEP * np.rint(residuals[coarse] / STEP), 0.4 * STEP, STEP)
     assert steps is not None
     assert lines(residuals, [steps, white] if coarse == 0 else [white, steps]) == []
+
+
+def test_few_samples_do_not_make_a_law():
+    residual = np.zeros(1000)
+    residual[500] = 8.0  # a sample in which friction turned round
+    assert _of_many(residual, residual) == pytest.approx(4.0)
+    residual[:] = 0.3
+    assert _of_many(residual, residual) == pytest.approx(90.0)

@@ -10,6 +10,7 @@ from scipy import signal
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.baseline import with_the_mass_alone
 from impactscope.discrepancy.driven.findings import _overlapping
 from impactscope.discrepancy.driven.oscillation import linear_oscillator, reversed_channels
 from impactscope.discrepancy.driven.recordings import Cut, first_state
@@ -103,3 +104,16 @@ def test_the_speed_at_the_beginning_uses_many_samples_where_it_may():
 def test_modes_closer_than_they_are_wide_are_called_so():
     assert '14.37 and 14.46 Hz' in _overlapping((14.37, 14.46, 217.9), (0.034, 0.013, 0.1))
     assert _overlapping((900.0, 2640.0, 3669.0), (0.002, 0.001, 0.001)) == ''
+
+
+def test_outputs_that_are_not_the_motion_of_the_mass_are_told_and_left_alone():
+    def asked(*outputs):
+        bench = {'kind': 'driven', 'input': 'force.hammer', 'outputs': list(outputs)}
+        campaign = {'version': 1, 'bench': bench, 'recordings': [{'file': 'a.mcap'}]}
+        return parse_campaign(campaign)
+
+    alone = with_the_mass_alone(asked('force', 'acceleration.plate', 'acceleration.base'))
+    assert alone.bench['outputs'] == ['acceleration.plate']
+    assert alone.notes[-1].startswith('force, acceleration.base: not compared')
+    for outputs in (['force'], ['acceleration.plate', 'displacement.plate']):
+        assert with_the_mass_alone(asked(*outputs)).bench['outputs'] == outputs
