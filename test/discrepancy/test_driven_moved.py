@@ -25,7 +25,7 @@ def motions():
         yield time, x, v
 
 
-def campaign(seed, more=lambda i, t, x, v: 0.0):
+def campaign(seed, more=lambda i, t, x, v: 0.0, known=()):
     rng = np.random.default_rng(seed)
     entries, channels = [], {}
     for i, (time, x, v) in enumerate(motions()):
@@ -46,7 +46,7 @@ def campaign(seed, more=lambda i, t, x, v: 0.0):
     data = {
         'version': 1,
         'bench': bench,
-        'baseline': ['linear_spring_damper'],
+        'baseline': ['linear_spring_damper', *known],
         'recordings': entries,
     }
     return parse_campaign(data).with_samples(channels.__getitem__)
@@ -112,6 +112,22 @@ def test_friction_beside_a_wrong_zero_may_differ_by_direction():
     assert set(answer.accepted) == {'coulomb_friction', 'offset'}
     for finding in answer.ranking[:2]:
         assert 'asymmetric_friction' in finding.confused_with
+
+
+def test_a_peak_at_rest_is_found_where_the_baseline_has_plain_friction():
+    def friction(i, t, x, v):
+        return np.sign(v) * (1.0 + 0.3 * np.exp(-((v / 0.02) ** 2)))
+
+    answer = explain_driven(campaign(15, friction, known=['coulomb_friction']))
+    assert answer.accepted == ('stribeck_friction',)
+    found = answer.ranking[0].parameters
+    assert found['kinetic_force'].value == pytest.approx(1.0, abs=4 * found['kinetic_force'].std)
+    assert found['static_force'].value == pytest.approx(1.3, abs=4 * found['static_force'].std)
+
+
+def test_plain_friction_of_the_baseline_needs_no_peak():
+    made = campaign(16, lambda i, t, x, v: np.sign(v), known=['coulomb_friction'])
+    assert explain_driven(made).accepted == ()
 
 
 @pytest.mark.parametrize(

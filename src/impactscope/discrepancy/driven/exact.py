@@ -45,6 +45,7 @@ FAR = 10.0  # times the samples: chi-square from which a search goes on from wha
 POLISHED = 'polished'
 DELAYS = ('clock_error', 'low_pass_filter')
 EDGE = 64  # samples at either end
+RELATIVES = ('stribeck_friction', 'asymmetric_friction')
 FORM = 0.01  # of what a delay gains, that its form leaves open
 FIRST_ORDER = 2  # of the low-pass that is looked for before its other orders are
 LATE = {
@@ -102,6 +103,7 @@ class _Fits:
 
     def _fit(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
         scaled = tuple(_measured_by(t, initial) for t in terms)
+        whole = _labels(self.baseline.terms) <= _labels(terms)
         values, starts = {**base.values, **initial}, base.starts
         for evaluations in (BRIEF, EVALUATIONS):
             made = fit(
@@ -112,7 +114,7 @@ class _Fits:
                 starts,
                 evaluations,
                 TOLERANCE,
-                self.tuned,
+                self.tuned if whole else None,
             )
             if made.evaluations < evaluations or self._behind(made):
                 break
@@ -236,6 +238,7 @@ def exact_search(
     best = _pruned(fits, _other_friction(fits, best, judge), judge)
     best = _other_asymmetry(fits, best, judge)
     best = _against_rivals(fits, best, judge)
+    best = _pruned(fits, _friction_of_baseline(fits, best, judge), judge)
     level = judge.criterion(best, baseline) + NEAR
     for made in [f for f in fits.known.values() if judge.criterion(f, baseline) < level]:
         fits.polish(made)
@@ -350,6 +353,29 @@ def _other_friction(fits: _Fits, best: Fit, judge: Judge) -> Fit:
         speed = next(n for n in term.numbers if n.name == 'speed')
         later = {**initial, key(term, speed): speed.starts[len(speed.starts) // 2]}
         fits.make(best, terms, initial, later)
+    return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))
+
+
+def _friction_of_baseline(fits: _Fits, best: Fit, judge: Judge) -> Fit:
+    """A plain friction that the baseline has against its relatives, which stand in its place.
+
+    They cannot be found beside it.
+    """
+    old = next((t for t in fits.baseline.terms if t.name == 'coulomb_friction'), None)
+    if old is None:
+        return best
+    known = {n.name: fits.baseline.values[key(old, n)] for n in old.numbers}
+    size = known.pop('force')
+    known |= {'force_forward': size, 'force_backward': size}
+    known |= {'kinetic_force': 0.9 * size, 'excess_force': 0.2 * size}
+    for base in (fits.baseline, best):
+        rest = tuple(t for t in base.terms if t is not old)
+        for term in fits.model.terms:
+            if term.name not in RELATIVES or not all(term.stands_with(t) for t in rest):
+                continue
+            first = {key(term, n): known.get(n.name, n.starts[0]) for n in term.numbers}
+            last = {key(term, n): known.get(n.name, n.starts[-1]) for n in term.numbers}
+            fits.make(base, (*rest, term), first, last)
     return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))
 
 
