@@ -35,18 +35,20 @@ def more_than_noise(case: Case, outcome: Outcome, said: Verdict) -> Verdict:
     """What a verdict becomes where more than noise is left, whatever it looks like.
 
     Of plates and chains the noise's level is known less well: there a recording is compared with
-    what is left of the others.
+    what is left of the others, and only where nothing was found.
     """
     if said.left:
         return said
     best = outcome.best
+    alone = best is outcome.baseline
     before, left = case.judge.chi_squares(outcome.baseline), case.judge.chi_squares(best)
     usual, larger = 1.0, LARGER
     if not (isinstance(case.model, MovedModel) or case.model.drifts):
+        if not alone:
+            return said
         pairs = zip(left, case.segments, strict=True)
         ratios = [x / s.measured.size for x, s in pairs if not s.held_out]
         usual, larger = max(1.0, float(np.median(ratios))), MUCH_LARGER
-    alone = best is outcome.baseline
     for s, was, chi_square in zip(case.segments, before, left, strict=True):
         count = s.measured.size
         error = slight(best) * was / count
