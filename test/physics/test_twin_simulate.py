@@ -142,6 +142,40 @@ def test_bare_contact_gives_its_restitution_and_keeps_momentum(restitution):
     assert len(result.contacts) == 1
 
 
+@pytest.mark.parametrize('speed', [0.1, 0.8, 2.0])
+@pytest.mark.parametrize('loss_of', ['blow', 'contact'])
+def test_a_loss_that_goes_by_the_speed_has_one_restitution_at_any(loss_of, speed):
+    sensor = Sensor(stiffness=1e-3, moving_mass=1e6, damping_ratio=0.0)
+    bench = Bench(sensor, None, BareContact(1e8, restitution=0.6, loss_of=loss_of))
+    blow = RobotBlow(1.0, speed, push_force=0.0, push_hold=1e6)
+    mechanisms = {'unilateral_contact': {}}
+    result = simulate(bench, blow, mechanisms=mechanisms, duration=0.02, tolerance=FINE)
+    assert -result.rows[-1, at.IMPACTOR_VELOCITY] == pytest.approx(0.6 * speed, rel=1e-5)
+
+
+@pytest.mark.parametrize(('loss_of', 'same'), [('contact', True), ('blow', False)])
+def test_later_contacts_lose_by_their_own_speed_or_by_that_of_the_blow(loss_of, same):
+    sensor = Sensor(stiffness=1e-3, moving_mass=1e6, damping_ratio=0.0)
+    bench = Bench(sensor, None, BareContact(1e8, restitution=0.6, loss_of=loss_of))
+    blow = RobotBlow(1.0, 1.0, push_force=0.0, push_hold=1e6)
+    mechanisms = {'unilateral_contact': {}, 'gravity_load': {'force': 5.0}}
+    result = simulate(bench, blow, mechanisms=mechanisms, duration=0.4, tolerance=FINE)
+    second = result.contacts[1]
+    before, after = np.searchsorted(result.time, [second.start - 1e-4, second.end + 1e-4])
+    speeds = result.rows[[before, after], at.IMPACTOR_VELOCITY]
+    restitution = -speeds[1] / speeds[0]
+    assert bool(abs(restitution - 0.6) < 0.02) is same
+    assert same or restitution > 0.65
+    # the description is not changed by what a contact has entered
+    again = simulate(bench, blow, mechanisms=mechanisms, duration=0.4, tolerance=FINE)
+    np.testing.assert_array_equal(again.rows, result.rows)
+
+
+def test_a_loss_of_nothing_known_is_refused():
+    with pytest.raises(ConfigurationError, match='loss_of'):
+        BareContact(loss_of='speed')
+
+
 @pytest.mark.parametrize(('distance', 'share'), [(0.0, 0.85), (0.25, 0.58)])
 def test_plastic_blow_loses_the_known_share_of_energy(distance, share):
     bench = Bench(damper=None, contact=BareContact(restitution=0.02))
@@ -230,7 +264,10 @@ def test_energy_never_appears_from_nowhere(data):
             for _ in range(draw(st.integers(0, 3)))
         ),
     )
-    contact = BareContact(restitution=draw(st.floats(0.05, 1.0)))
+    contact = BareContact(
+        restitution=draw(st.floats(0.05, 1.0)),
+        loss_of=draw(st.sampled_from(['material', 'blow', 'contact'])),
+    )
     with_damper = draw(st.booleans())
     bench = Bench(
         Sensor(draw(st.floats(1e4, 2e5)), draw(st.floats(0.1, 5.0)), draw(st.floats(0.0, 0.5))),

@@ -22,6 +22,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.chain_laws import chain_laws
 from impactscope.discrepancy.impact.fit import Fit, fit, projector
 from impactscope.discrepancy.impact.laws import GROUPS, Law, law_responses
+from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['LONE', 'TESTED', 'TOLD', 'Adequacy', 'adequacy', 'law_instead', 'without_lone']
@@ -77,8 +79,9 @@ class Adequacy:
         return f'it is like {self.law}' if worst == 'laws' else worst
 
 
+@lru_cache(maxsize=4)
 def adequacy(found: Fit, *, laws: bool = True) -> Adequacy:
-    """Tests of what a fit leaves; see the module's description.
+    """Tests of what a fit leaves; see the module's description. The last few are kept.
 
     ``laws``: whether laws that no mechanism has are among them, which takes most of the time.
 
@@ -212,9 +215,18 @@ def _along(law: Law, left: Array, basis: Array, weight: Array) -> tuple[float, i
     size = columns.shape[0]
     beyond = -basis @ (basis[:size].T @ columns)
     beyond[:size] += columns
-    u, s, _ = np.linalg.svd(beyond, full_matrices=False)
-    directions = u[:, s > 10 * _LEAST_RANK]
-    return float(np.sum((directions.T @ left) ** 2)), directions.shape[1]
+    return _power(beyond, left, 10 * _LEAST_RANK)
+
+
+def _power(columns: Array, left: Array, least: float) -> tuple[float, int]:
+    """Power of a vector in the span of columns of about unit length, and its directions.
+
+    Those that are shorter than ``least`` do not count.
+    """
+    size, vectors = np.linalg.eigh(columns.T @ columns)
+    sound = size > least**2
+    along = vectors[:, sound].T @ (columns.T @ left)
+    return float(np.sum(along**2 / size[sound])), int(np.count_nonzero(sound))
 
 
 def _by_channel(fit: Fit) -> dict[str, dict[int, slice]]:
@@ -323,11 +335,13 @@ def _chain(fit: Fit) -> Array:
 def _mechanisms(fit: Fit) -> Array:
     """Signatures of every effect on the bench, with a strength of its own in each recording."""
     layout = fit.layout
+    acting = [
+        c
+        for c in candidates(fit, ())
+        if c.amplitudes and not c.channel and c.name != 'wrong_parameter'
+    ]
     found = []
-    for candidate in candidates(fit, ()):
-        if candidate.channel or not candidate.amplitudes or candidate.name == 'wrong_parameter':
-            continue
-        signature = _signature(fit, candidate)
+    for signature in side_by_side(lambda c: _signature(fit, c), acting):
         if signature is None:
             continue
         for span in layout.blow_spans.values():
@@ -371,12 +385,9 @@ def _tested(left: Array, columns: Array, basis: Array, size: int) -> tuple[float
     norm = np.linalg.norm(columns, axis=0)
     columns = columns[:, norm > 0] / norm[norm > 0]
     beyond = columns - basis @ (basis.T @ columns)
-    u, s, _ = np.linalg.svd(beyond, full_matrices=False)
-    directions = u[:, s > _LEAST_RANK]
-    count = directions.shape[1]
+    power, count = _power(beyond, left, _LEAST_RANK)
     if not count:
         return 1.0, 0.0
-    power = float(np.sum((directions.T @ left) ** 2))
     together = float(stats.ncx2.sf(power, count, _ALLOWED**2 * size))
     # and each on its own: a single one stands out more
     length = np.linalg.norm(beyond, axis=0)

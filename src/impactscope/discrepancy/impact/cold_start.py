@@ -14,6 +14,7 @@ from scipy import ndimage
 
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.model import ImpactModel
+from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['SHORT', 'cold_starts', 'met', 'place', 'placed']
@@ -88,19 +89,23 @@ def met(model: ImpactModel, starts: Sequence[Array]) -> tuple[list[Array], list[
         return list(starts), []
     soft = _blurred(model)
     layout = soft.layout(bare, SHORT[0])
-    near = []
-    for x in starts:
+
+    def near(x: Array) -> tuple[float, Array]:
         with contextlib.suppress(ImpactscopeError):
             moved = place(soft, x, bare, SHORT[0])
             residuals = soft.residuals(moved, layout)
-            near.append((float(residuals @ residuals), moved))
-    near.sort(key=lambda item: item[0])
-    tried = []
-    for _, x in near[:_CONTACT_FITS]:
+            return float(residuals @ residuals), moved
+        return math.inf, x
+
+    def fitted(start: tuple[float, Array]) -> tuple[float, Array]:
         with contextlib.suppress(ImpactscopeError):
-            tried.append(_contact_alone(soft, x, bare))
-    tried.sort(key=lambda item: item[0])
-    return [x for _, x in tried[:_CONTACTS]], bare
+            return _contact_alone(soft, start[1], bare)
+        return math.inf, start[1]
+
+    placed_ones = sorted(side_by_side(near, starts), key=lambda item: item[0])
+    placed_ones = [p for p in placed_ones[:_CONTACT_FITS] if p[0] < math.inf]
+    tried = sorted(side_by_side(fitted, placed_ones), key=lambda item: item[0])
+    return [x for cost, x in tried[:_CONTACTS] if cost < math.inf], bare
 
 
 def _contact_alone(model: ImpactModel, x: Array, blows: Sequence[int]) -> tuple[float, Array]:
@@ -140,6 +145,7 @@ def placed(
     model: ImpactModel, x: Array, blows: Sequence[int], unplaced: Sequence[int]
 ) -> Fit | None:
     """Fits over the shortest windows from a start, blows first placed where they fit best."""
+    model = model.extended()  # of which others know nothing: starts are tried side by side
     try:
         soft = _blurred(model)
         x = place(soft, x, unplaced, SHORT[0])

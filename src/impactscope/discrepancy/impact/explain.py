@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 
@@ -20,23 +21,29 @@ from impactscope.discrepancy.evidence import Thresholds
 from impactscope.discrepancy.impact.adequacy import TESTED, Adequacy, adequacy, law_instead
 from impactscope.discrepancy.impact.another_cut import with_later_cuts
 from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.conventions import (
+    conventions_told,
+    other_conventions,
+    with_conventions_of,
+    with_likelier,
+)
 from impactscope.discrepancy.impact.data import CampaignData, prepare
 from impactscope.discrepancy.impact.estimates import fitted_numbers, saved_model
 from impactscope.discrepancy.impact.figures import fit_table, pictures
 from impactscope.discrepancy.impact.fit import Fit
-from impactscope.discrepancy.impact.follow import fit_baseline, held_out_fit, prediction_misfit
+from impactscope.discrepancy.impact.follow import (
+    fit_baseline,
+    further,
+    held_out_fit,
+    prediction_misfit,
+)
 from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.discrepancy.impact.outcome import Outcome, with_findings
 from impactscope.discrepancy.impact.ranking import ranked, share_of_known, weaker
 from impactscope.discrepancy.impact.search import Search
 from impactscope.discrepancy.impact.slow_noise import likelier, noise_left
-from impactscope.discrepancy.impact.swing import (
-    weight_matters,
-    with_likelier_weight,
-    with_other_weight,
-    with_weight_of,
-)
 from impactscope.discrepancy.locate import locate
+from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
 __all__ = ['explain_impact']
@@ -99,22 +106,25 @@ def _searched(
 ) -> Outcome:
     """What the search comes to, judged by the recordings that were held out.
 
-    Where it matters how the pendulum's weight acts, the search goes on from the likelier way, and
-    from the other one where something is left or that explains as much. Or it acts as in ``like``.
+    Where it matters what the baseline's names leave open, the search goes on from the likeliest
+    choice, and from another one where something is left or that explains as much. Or it is taken
+    as in ``like``.
     """
     progress(0.02, 'baseline')
-    baseline = fit_baseline(with_weight_of(baseline_model(campaign, data), like))
-    if like is None and weight_matters(baseline):
-        baseline = with_likelier_weight(baseline)
+    baseline = fit_baseline(with_conventions_of(baseline_model(campaign, data), like))
+    if like is None:
+        baseline = with_likelier(baseline)
     search = Search(campaign.baseline_names, thresholds, progress)
     outcome = search.run(with_later_cuts(baseline))
-    if like is None and weight_matters(outcome.final):
-        if _left(outcome, thresholds):
-            other = fit_baseline(with_other_weight(baseline.model))
-            both = (outcome, search.run(with_later_cuts(other)))
-            outcome = min(both, key=lambda o: (_left(o, thresholds), _cost(o)))
-        elif outcome.accepted:
-            outcome = search.with_other_weight(outcome)
+    others = other_conventions(outcome.final) if like is None else []
+    if others and _left(outcome, thresholds):
+        fits = side_by_side(lambda m: fit_baseline(with_conventions_of(baseline.model, m)), others)
+        other = functools.reduce(further, fits)
+        both = (outcome, search.run(with_later_cuts(other)))
+        outcome = min(both, key=lambda o: (_left(o, thresholds), _cost(o)))
+    elif outcome.accepted:
+        for model in others:
+            outcome = search.with_convention(outcome, model)
     outcome.tests = None  # of what is left now
     progress(0.9, 'held-out recordings')
     search.check(outcome)
@@ -179,7 +189,13 @@ def _answer(
         baseline_parameters=fitted_numbers(outcome.baseline),
         extended_parameters=fitted_numbers(outcome.final),
         model=saved_model(campaign, outcome, accepted),
-        notes=(*campaign.notes, *data.notes, *outcome.notes, *_amplified(outcome)),
+        notes=(
+            *campaign.notes,
+            *data.notes,
+            *conventions_told(outcome.final.model),
+            *outcome.notes,
+            *_amplified(outcome),
+        ),
         traces=traces,
     )
 

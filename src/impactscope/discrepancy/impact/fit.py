@@ -7,11 +7,12 @@ further simulation of the campaign each, those of shared numbers likewise.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,26 +103,24 @@ def jacobian(
     """
     result = np.zeros((residuals.size, x.size))
     _, upper = model.bounds()
+    wanted = []
     for j in range(x.size) if only is None else only:
+        blow = model.free[j].blow
+        if blow is None or blow in layout.blow_spans:
+            wanted.append(j)
+
+    def column(j: int) -> Array:
         number = model.free[j]
-        if number.blow is not None and number.blow not in layout.blow_spans:
-            continue
         step = min(_STEP * number.scale, model.steps.get(number.key, math.inf))
         if x[j] + step > upper[j]:
             step = -step
-        moved = x.copy()
-        moved[j] += step
-        values = model.values(moved)
-        blows = layout.blows if number.blow is None else (number.blow,)
-        parts = side_by_side(partial(model.blow_residuals, values, layout=layout), blows)
-        for i, changed in zip(blows, parts, strict=True):
-            span = layout.blow_spans[i]
-            result[span, j] = (changed - residuals[span]) / step
-        prior = model.prior_residuals(values, layout) - residuals[layout.size :]
-        result[layout.size :, j] = prior / step
-        norm = float(np.linalg.norm(result[:, j]))
+        return _change(model, layout, x, residuals, j, step)
+
+    for j, changed in zip(wanted, side_by_side(column, wanted), strict=True):
+        result[:, j] = changed
+        norm = float(np.linalg.norm(changed))
         # later contacts amplify: a step that is small at the onset may be far too large there
-        model.steps[number.key] = _FELT / max(norm, 1e-300)
+        model.steps[model.free[j].key] = _FELT / max(norm, 1e-300)
     return result
 
 
@@ -138,22 +137,23 @@ def exact_slopes(found: Fit) -> Array:
     lower, upper = model.bounds()
     result = found.jacobian.copy()
     norms = np.linalg.norm(result, axis=0)
-    for j, number in enumerate(model.free):
-        if norms[j] == 0.0:
-            continue
-        blows = layout.blows if number.blow is None else (number.blow,)
+
+    def column(j: int) -> Array | None:
         ways, lengths = [], []
         for felt in _FELT_BY:
-            step = min(felt / norms[j], _STEP * number.scale)
+            step = min(felt / norms[j], _STEP * model.free[j].scale)
             for way in (step, -step):
                 if not lower[j] <= x[j] + way <= upper[j]:
                     continue
-                change = _change(found, j, way, blows)
-                if change is not None:
-                    ways.append(change)
+                with contextlib.suppress(ImpactscopeError):
+                    ways.append(_change(model, layout, x, found.residuals, j, way))
                     lengths.append(step)
-        if ways:
-            result[:, j] = _weighted_median(np.stack(ways), np.array(lengths))
+        return _weighted_median(np.stack(ways), np.array(lengths)) if ways else None
+
+    wanted = [j for j in range(x.size) if norms[j] > 0.0]
+    for j, changed in zip(wanted, side_by_side(column, wanted), strict=True):
+        if changed is not None:
+            result[:, j] = changed
     return result
 
 
@@ -171,21 +171,19 @@ def _weighted_median(rows: Array, weights: Array) -> Array:
     return np.asarray(0.5 * (ranked[low, columns] + ranked[high, columns]))
 
 
-def _change(found: Fit, j: int, step: float, blows: Sequence[int]) -> Array | None:
-    """Change of all residuals per step of one number; None where nothing can be simulated."""
-    model, layout = found.model, found.layout
-    moved = found.x.copy()
+def _change(
+    model: ImpactModel, layout: Layout, x: Array, residuals: Array, j: int, step: float
+) -> Array:
+    """Change of all residuals per step of one number."""
+    moved = x.copy()
     moved[j] += step
     values = model.values(moved)
-    out = np.zeros_like(found.residuals)
-    try:
-        parts = side_by_side(partial(model.blow_residuals, values, layout=layout), blows)
-    except ImpactscopeError:
-        return None
-    for i, changed in zip(blows, parts, strict=True):
+    blow = model.free[j].blow
+    out = np.zeros_like(residuals)
+    for i in layout.blows if blow is None else (blow,):
         span = layout.blow_spans[i]
-        out[span] = (changed - found.residuals[span]) / step
-    prior = model.prior_residuals(values, layout) - found.residuals[layout.size :]
+        out[span] = (model.blow_residuals(values, i, layout) - residuals[span]) / step
+    prior = model.prior_residuals(values, layout) - residuals[layout.size :]
     out[layout.size :] = prior / step
     return out
 

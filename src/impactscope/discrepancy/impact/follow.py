@@ -18,6 +18,7 @@ from scipy import ndimage
 from impactscope.discrepancy.impact.cold_start import SHORT, cold_starts, met, placed
 from impactscope.discrepancy.impact.fit import Fit, fit, jacobian, projector
 from impactscope.discrepancy.impact.model import ImpactModel
+from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.twin.simulate import SimulationError
 
@@ -80,7 +81,7 @@ def _short(model: ImpactModel, starts: Sequence[Array]) -> Fit:
     blows = model.data.fitted
     starts, known = met(model, starts)
     others = [i for i in blows if i not in known]
-    tried = [placed(model, x, blows, others) for x in starts]
+    tried = side_by_side(lambda x: placed(model, x, blows, others), starts)
     return min((f for f in tried if f is not None), key=lambda f: f.chi_square)
 
 
@@ -150,13 +151,19 @@ def _by_other_ways(short: Fit, found: Fit) -> Fit:
     rng = np.random.default_rng(0)
     for _ in range(_WAYS):
         step = _FAR * (reach @ rng.standard_normal(power.size))
-        for x in (short.x + step, short.x - step):
-            start = dataclasses.replace(short, x=np.clip(x, lower, upper))
-            with contextlib.suppress(ImpactscopeError):
-                found = further(found, follow(start))
-            if follows_all(found):
-                return found
+        both = [np.clip(x, lower, upper) for x in (short.x + step, short.x - step)]
+        for other in side_by_side(lambda x: _followed_from(short, x), both):
+            if other is not None:
+                found = further(found, other)
+        if follows_all(found):
+            break
     return found
+
+
+def _followed_from(short: Fit, x: Array) -> Fit | None:
+    with contextlib.suppress(ImpactscopeError):
+        return follow(dataclasses.replace(short, model=short.model.extended(), x=x))
+    return None
 
 
 def follow(found: Fit, until: float = math.inf) -> Fit:

@@ -22,7 +22,8 @@ from impactscope.discrepancy.impact.chain_candidates import delays_like
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit
 from impactscope.discrepancy.impact.outcome import QUIET, Found, settled_without, weigh
 from impactscope.discrepancy.impact.strong import in_place_of, race, related
-from impactscope.discrepancy.impact.workbench import Trial, Weakened, Workbench
+from impactscope.discrepancy.impact.workbench import Remembered, Trial, Workbench
+from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
@@ -45,7 +46,7 @@ class JointFits:
     tried: tuple[Array, list[Trial]] = field(default_factory=lambda: (np.zeros(0), []))
     """Residual and trials of the last ordering."""
     window: float = math.inf  # s after the onset, that is being looked at
-    weakened: Weakened = field(default_factory=dict)  # where trials begin that were too strong
+    remembered: Remembered = field(default_factory=Remembered)
 
     def step(
         self, current: Fit, sound: Fit | None = None, most: int = 0
@@ -109,19 +110,19 @@ class JointFits:
 
     def order(self, current: Fit, listed: Sequence[Candidate]) -> list[Trial]:
         """Every candidate tried, the most promising first."""
-        workbench = Workbench(current, self.weakened)
-        tried = [found for c in listed if (found := workbench.best(c))]
+        workbench = Workbench(current, self.remembered)
+        tried = [found for found in side_by_side(workbench.best, listed) if found]
         self.tried = workbench.residual, [t for found in tried for t in found]
         tried.sort(key=lambda found: found[0].gain, reverse=True)
-        top = []
-        for found in tried[: 2 * _JOINT]:
-            better = [workbench.refined(workbench.scaled(t)) for t in found]
-            best = max(better, key=lambda t: t.gain)
+
+        def refined(found: Sequence[Trial]) -> Trial:
+            best = workbench.best_refined(found)
             # at full strength bounces need more re-tuning than a linear one: what it was when
             # weak counts, too
-            top.append(dataclasses.replace(best, gain=max(best.gain, found[0].gain)))
-        top.sort(key=lambda t: t.gain, reverse=True)
-        return top
+            return dataclasses.replace(best, gain=max(best.gain, found[0].gain))
+
+        top = side_by_side(refined, tried[: 2 * _JOINT])
+        return sorted(top, key=lambda t: t.gain, reverse=True)
 
     def judge(
         self, current: Fit, trials: Sequence[Trial], looks: int, most: int = 0

@@ -102,4 +102,4 @@ def _later(model: ImpactModel, shift: float) -> ImpactModel:
         for f in model.free
     )
     data = dataclasses.replace(model.data, blows=blows)
-    return dataclasses.replace(model, data=data, free=free, caches=[])
+    return dataclasses.replace(model, data=data, free=free, solutions=[])

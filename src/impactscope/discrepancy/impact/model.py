@@ -11,11 +11,14 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.discrepancy.impact.bins import BinnedChannel
 from impactscope.discrepancy.impact.data import BlowData, CampaignData
+from impactscope.discrepancy.impact.kept import Kept
 from impactscope.discrepancy.impact.measuring import (
     distort,
     fineness,
@@ -24,6 +27,7 @@ from impactscope.discrepancy.impact.measuring import (
     softened,
 )
 from impactscope.discrepancy.impact.noise import Whitener, whitener
+from impactscope.discrepancy.impact.standardised import standardised
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.physics.mechanisms.registry import mechanism
 from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum
@@ -35,6 +39,7 @@ from impactscope.physics.twin.bench import (
     Blow,
     DamperLayer,
     HammerTap,
+    LossOf,
     MaxwellBranch,
     PendulumBlow,
     RobotBlow,
@@ -45,6 +50,8 @@ from impactscope.physics.twin.simulate import CHANNELS, solve
 __all__ = [
     'ADDED_WEIGHT',
     'LARGE_ANGLES',
+    'LOSSES',
+    'LOSS_OF',
     'SPEED_RATIO',
     'WEIGHT',
     'ActiveEffect',
@@ -56,6 +63,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _Moments = tuple[Array, dict[str, NDArray[np.int64]]]
+_Solution = tuple[Array, Array, NDArray[np.int64]]  # rows, event times and kinds
 
 TOLERANCE = 1e-7
 SPEED_RATIO = 'impact_speed_loss.ratio'
@@ -64,9 +72,12 @@ WEIGHT, ADDED_WEIGHT = 'weight', 'added_weight'
 
 LARGE_ANGLES = 'pendulum.large_angles'
 """Above 0: the pendulum's weight acts with cosine and sine of the swing."""
+LOSS_OF = 'contact.loss_of'
+"""What the loss of a bare contact is a constant of: place among `LOSSES`."""
+LOSSES: tuple[LossOf, ...] = get_args(LossOf)
 
-_CACHE = 6  # solutions kept for each blow
-_WHITENERS = 150  # kept
+_SOLUTIONS = 8  # kept for each blow
+_MOMENTS, _WHITENERS = 60, 150  # kept
 _TELLS = 3.0  # of its noise, uncertainty of a bin up to which it is fitted
 _WHOLE = ('low_pass_filter', 'ac_coupling')  # effects that need every sample
 _WEIGHTS = ('gravity_load', 'restoring_force')
@@ -142,6 +153,26 @@ class Prediction:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Simulated:
+    """The twin's outputs for one blow, and what its measuring chains do to them."""
+
+    rows: Array  # at moments, shape (n_moments, N_LEAN_COLUMNS)
+    where: Mapping[str, NDArray[np.int64]]  # of each channel among the moments
+    chain: Mapping[str, list[tuple[str, dict[str, float]]]]
+    whole: Mapping[str, int]  # channels that need every sample, and moments for each
+    gains: Mapping[str, float]
+    event_times: Array  # s
+    event_kinds: NDArray[np.int64]
+    jump: float  # of the plate's acceleration at a reversal, m/s^2
+    start: float  # s, first contact
+
+    @property
+    def kinks(self) -> Array:
+        """Times of reversals, s."""
+        return self.event_times[_FRICTION_EVENT[self.event_kinds]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Layout:
     """Which bins of which blows enter a fit, in their order in the residual vector."""
 
@@ -167,20 +198,14 @@ class ImpactModel:
     constants: Mapping[str, float]
     free: tuple[Free, ...]
     effects: tuple[ActiveEffect, ...]
-    caches: list[dict[bytes, tuple[Array, Array, NDArray[np.int64]]]] = field(
-        default_factory=list, repr=False
-    )
-    moments: list[
-        dict[tuple[tuple[str, int], ...], tuple[Array, dict[str, NDArray[np.int64]]]]
-    ] = field(default_factory=list, repr=False)
     steps: dict[str, float] = field(default_factory=dict, repr=False)  # of finite differences
-    whiteners: dict[bytes, Whitener] = field(default_factory=dict, repr=False)
+    solutions: list[Kept[_Solution]] = field(default_factory=list, repr=False)  # of each blow
+    moments: Kept[_Moments] = field(default_factory=lambda: Kept(_MOMENTS), repr=False)
+    whiteners: Kept[Whitener] = field(default_factory=lambda: Kept(_WHITENERS), repr=False)
 
     def __post_init__(self) -> None:
-        if not self.caches:
-            self.caches = [{} for _ in self.data.blows]
-        if not self.moments:
-            self.moments = [{} for _ in self.data.blows]
+        if not self.solutions:
+            self.solutions = [Kept(_SOLUTIONS) for _ in self.data.blows]
 
     def extended(
         self,
@@ -197,6 +222,7 @@ class ImpactModel:
             constants={**self.constants, **(constants or {})},
             free=(*(f for f in self.free if f.key not in keys), *free),
             effects=(*(e for e in self.effects if e.name not in without_effects), *effects),
+            steps=dict(self.steps),
         )
 
     # --- numbers ---------------------------------------------------------------------------
@@ -282,14 +308,20 @@ class ImpactModel:
     def blow_residuals(self, values: Mapping[str, float], i: int, layout: Layout) -> Array:
         """Standardised residuals of one blow in the order of the layout."""
         blow = self.data.blows[i]
-        prediction = self.predict(values, i, layout.ends[i])
+        simulated = self._simulated(values, i, layout.ends[i])
         parts = []
         for name, channel in blow.channels.items():
             mask = layout.masks[i, name]
-            residual = (channel.means[mask] - prediction.means[name][mask]) / channel.std[mask]
-            if name == 'acceleration.plate' and prediction.kinks.size:
-                jump = prediction.jump / channel.std[mask]
-                residual = softened(residual, jump, channel.centres[mask], prediction.kinks)
+            if name in simulated.chain or name in simulated.whole:
+                mean = self._mean(simulated, channel)
+                residual = (channel.means[mask] - mean[mask]) / channel.std[mask]
+            else:
+                course = simulated.rows[:, CHANNELS[name][1]]
+                where, gain = simulated.where[name], simulated.gains[name]
+                residual = standardised(channel, course, where, gain, mask)
+            if name == 'acceleration.plate' and simulated.kinks.size:
+                jump = simulated.jump / channel.std[mask]
+                residual = softened(residual, jump, channel.centres[mask], simulated.kinks)
             parts.append(self.whitened(residual, i, name, layout))
         return np.concatenate(parts) if parts else np.zeros(0)
 
@@ -305,17 +337,33 @@ class ImpactModel:
         key = b''.join((bytes((i,)), name.encode(), mask.tobytes(), channel.std.tobytes()))
         known = self.whiteners.get(key)
         if known is None:
-            while len(self.whiteners) >= _WHITENERS:
-                self.whiteners.pop(next(iter(self.whiteners)))
-            known = self.whiteners[key] = whitener(
+            known = whitener(
                 channel.colour, channel.centres[mask], channel.counts[mask], channel.std[mask]
             )
+            self.whiteners.keep(key, known)
         return known(rows)
 
     # --- simulation ------------------------------------------------------------------------
 
     def predict(self, values: Mapping[str, float], i: int, until: float = math.inf) -> Prediction:
         """What the model says of blow ``i``; beyond ``until`` s means need not be right."""
+        simulated = self._simulated(values, i, until)
+        contact = _CONTACT_EVENT[simulated.event_kinds]
+        return Prediction(
+            means={
+                name: self._mean(simulated, channel)
+                for name, channel in self.data.blows[i].channels.items()
+            },
+            kinks=simulated.kinks,
+            jump=simulated.jump,
+            rows=simulated.rows,
+            contacts=simulated.event_times[contact],
+            contact_kinds=simulated.event_kinds[contact],
+            start=simulated.start,
+        )
+
+    def _simulated(self, values: Mapping[str, float], i: int, until: float) -> _Simulated:
+        """The twin's outputs for blow ``i``, at the moments that its channels need."""
         blow = self.data.blows[i]
         chain = self._chain(values, i)
         start = values[f'time@{i}']
@@ -327,58 +375,55 @@ class ImpactModel:
             if n in blow.channels and any(k in _WHOLE for k, _ in e)
         }
         if shifted or whole:
-            needed = tuple(whole.items())
-            kept = self.moments[i].get(needed) if not shifted else None
+            needed = i, *whole.items()
+            kept = self.moments.get(needed) if not shifted else None
             times, where = kept or moments_of(blow, shifted, whole)
-            if not shifted:
-                self.moments[i][needed] = times, where
+            if kept is None and not shifted:
+                self.moments.keep(needed, (times, where))
         par = self.parameters(values, i)
         rows, event_times, event_kinds = self._solve(par, i, times, start, until)
-        means = {}
-        for name, channel in blow.channels.items():
-            gain = values.get(f'gain.{name}', 1.0)
-            clean = gain * rows[where[name], CHANNELS[name][1]]
-            fine = whole.get(name, 1)
-            moments = sample_moments(channel, fine) if name in whole else channel.nodes
-            for kind, numbers in chain.get(name, ()):
-                clean = distort(kind, clean, moments, channel, numbers, fine)
-            if name in whole:
-                means[name] = np.add.reduceat(clean[::fine], channel.edges) / channel.counts
-            else:
-                means[name] = channel.averaged(clean)
-        friction = _FRICTION_EVENT[event_kinds]
-        contact = _CONTACT_EVENT[event_kinds]
-        return Prediction(
-            means=means,
-            kinks=event_times[friction] + start,
-            jump=float((par[at.KINETIC_FORWARD] + par[at.KINETIC_BACKWARD]) / par[at.PLATE_MASS]),
+        return _Simulated(
             rows=rows,
-            contacts=event_times[contact] + start,
-            contact_kinds=event_kinds[contact],
+            where=where,
+            chain=chain,
+            whole=whole,
+            gains={name: values.get(f'gain.{name}', 1.0) for name in blow.channels},
+            event_times=event_times + start,
+            event_kinds=event_kinds,
+            jump=float((par[at.KINETIC_FORWARD] + par[at.KINETIC_BACKWARD]) / par[at.PLATE_MASS]),
             start=start,
         )
 
-    def _solve(
-        self, par: Array, i: int, times: Array, start: float, until: float
-    ) -> tuple[Array, Array, NDArray[np.int64]]:
+    @staticmethod
+    def _mean(simulated: _Simulated, channel: BinnedChannel) -> Array:
+        """Means of a channel over its bins, shape (n_bins,), after all that its chain does."""
+        name = channel.name
+        clean = simulated.gains[name] * simulated.rows[simulated.where[name], CHANNELS[name][1]]
+        fine = simulated.whole.get(name, 1)
+        moments = sample_moments(channel, fine) if name in simulated.whole else channel.nodes
+        for kind, numbers in simulated.chain.get(name, ()):
+            clean = distort(kind, clean, moments, channel, numbers, fine)
+        if name in simulated.whole:
+            return np.asarray(np.add.reduceat(clean[::fine], channel.edges) / channel.counts)
+        return channel.averaged(clean)
+
+    def _solve(self, par: Array, i: int, times: Array, start: float, until: float) -> _Solution:
         count = int(np.searchsorted(times, until + 0.01))
         key = par.tobytes() + np.array([start, count, times.size, times[-1], times[0]]).tobytes()
         key += times[:: max(1, times.size // 7)].tobytes()
-        cache = self.caches[i]
-        if key in cache:
-            return cache[key]
-        rows = np.zeros((times.size, at.N_LEAN_COLUMNS))
-        found: tuple[Array, Array, NDArray[np.int64]]
+        known = self.solutions[i].get(key)
+        if known is not None:
+            return known
+        rows: Array = np.zeros((0, at.N_LEAN_COLUMNS))
+        event_times, event_kinds = np.zeros(0), np.zeros(0, dtype=np.int64)
         if count:
-            rows[:count], event_times, event_kinds, _ = solve(
+            rows, event_times, event_kinds, _ = solve(
                 par, times[:count] - start, TOLERANCE, lean=True
             )
-            found = rows, event_times, event_kinds
-        else:
-            found = rows, np.zeros(0), np.zeros(0, dtype=np.int64)
-        while len(cache) >= _CACHE:
-            cache.pop(next(iter(cache)))
-        cache[key] = found
+        if count < times.size:
+            rows = np.concatenate([rows, np.zeros((times.size - count, at.N_LEAN_COLUMNS))])
+        found = rows, event_times, event_kinds
+        self.solutions[i].keep(key, found)
         return found
 
     def parameters(self, values: Mapping[str, float], i: int) -> Array:
@@ -510,6 +555,7 @@ def describe(values: Mapping[str, float], data: BlowData, i: int) -> tuple[Bench
             stiffness=of('contact.stiffness'),
             exponent=of('contact.exponent', 1.5),
             restitution=of('contact.restitution'),
+            loss_of=LOSSES[round(of(LOSS_OF, 0.0))],
         )
     bench = Bench(sensor, damper=damper, contact=contact, orientation=orientation)
     if recording.kind == 'pendulum' and 'pendulum.contact_distance' in values:

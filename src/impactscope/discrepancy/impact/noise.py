@@ -207,7 +207,7 @@ def whitener(colour: Colour, centres: Array, counts: IntArray, std: Array) -> Wh
     return Whitener(*_filter(colour.variances, rates, counts, gaps, means, std))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _filter(
     variances: Array, rates: Array, counts: IntArray, gaps: IntArray, white: Array, std: Array
 ) -> tuple[Array, Array, Array, Array]:
@@ -260,7 +260,7 @@ def _filter(
     return felt, keep, gain, scale
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _whitened(columns: Array, felt: Array, keep: Array, gain: Array, scale: Array) -> Array:
     n, k = felt.shape
     wide = columns.shape[1]

@@ -21,6 +21,7 @@ from impactscope.discrepancy.impact.candidate import Candidate, stronger
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.outcome import evidence_for
 from impactscope.discrepancy.impact.workbench import Trial
+from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['Pair', 'pairs']
@@ -59,21 +60,22 @@ def pairs(
     known = [t for t in trials if t.signature is not None and np.any(t.signature)]
     looks_at_pairs = max(1, looks * (looks - 1) // 2)
     spread = max(1.0, current.reduced)
-    found: list[Pair] = []
-    seen: set[frozenset[str]] = set()
+    chosen: dict[frozenset[str], tuple[tuple[Trial, Trial], tuple[float, float]]] = {}
     for i, j, factors in _promising(residual, known):
         both = known[i], known[j]
         cost = sum(t.candidate.cost for t in both)
         names = frozenset(f'{t.candidate.name}:{t.candidate.channel}' for t in both)
         wanted = least_gain(cost, looks_at_pairs, false_finding)
-        if factors[2] < _HOPEFUL * wanted * spread or len(seen) >= _FITTED:
+        if factors[2] < _HOPEFUL * wanted * spread or len(chosen) >= _FITTED:
             break
-        if names in seen:
-            continue
-        seen.add(names)
-        joint = _fitted(current, both, factors[:2])
+        if names not in chosen:
+            chosen[names] = both, factors[:2]
+    joints = side_by_side(lambda pair: _fitted(current, *pair), list(chosen.values()))
+    found: list[Pair] = []
+    for (both, _), joint in zip(chosen.values(), joints, strict=True):
         if joint is None:
             continue
+        cost = sum(t.candidate.cost for t in both)
         gain = evidence_for(joint, current)
         found.append(
             Pair(

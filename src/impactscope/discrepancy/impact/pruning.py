@@ -14,7 +14,7 @@ from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.discrepancy.impact.outcome import Found, Outcome, weigh, with_findings
-from impactscope.discrepancy.impact.strong import in_place_of
+from impactscope.discrepancy.impact.strong import in_place_of, with_its_numbers
 from impactscope.discrepancy.impact.workbench import Workbench
 from impactscope.errors import ImpactscopeError
 
@@ -118,6 +118,10 @@ def _instead(
         nearer = in_place_of(outcome.final, _model(outcome, rest), candidate)
         if nearer is not None and (other is None or nearer.chi_square < other.chi_square):
             other = nearer
+    if other is not None and other.chi_square > outcome.final.chi_square + _CLOSE:
+        nearer = with_its_numbers(outcome.final, _model(outcome, rest), candidate)
+        if nearer is not None and nearer.chi_square < other.chi_square:
+            other = nearer
     if other is None:
         return None
     spread = max(1.0, min(other.reduced, outcome.final.reduced))
@@ -162,10 +166,9 @@ def _relatives(
         if (candidate.name, candidate.channel) not in wanted or candidate.label in taken:
             continue
         tried = workbench.best(candidate)
-        better = [workbench.refined(workbench.scaled(t)) for t in tried[:_STARTS]]
-        if not better:
+        if not tried:
             continue
-        best = max(better, key=lambda t: t.gain)
+        best = workbench.best_refined(tried[:_STARTS])
         bent = without.reduced > _LOST and not candidate.channel
         if best.gain < _PROMISING * mine.gain and not bent:
             continue  # tried at numbers that are bent, a trial says nothing of a force

@@ -23,6 +23,7 @@ from impactscope.discrepancy.evidence import (
 from impactscope.discrepancy.impact.adequacy import adequacy
 from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.candidates import candidates
+from impactscope.discrepancy.impact.conventions import other_conventions, with_conventions_of
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit, settled
 from impactscope.discrepancy.impact.follow import (
     fit_baseline,
@@ -32,7 +33,7 @@ from impactscope.discrepancy.impact.follow import (
 from impactscope.discrepancy.impact.held_out import check_held_out
 from impactscope.discrepancy.impact.joint_fits import LOST, JointFits
 from impactscope.discrepancy.impact.late_channels import with_late_channel
-from impactscope.discrepancy.impact.model import Layout
+from impactscope.discrepancy.impact.model import ImpactModel, Layout
 from impactscope.discrepancy.impact.modes import other_modes
 from impactscope.discrepancy.impact.outcome import (
     QUIET,
@@ -46,8 +47,8 @@ from impactscope.discrepancy.impact.pairs import Pair, pairs
 from impactscope.discrepancy.impact.profiles import profiled
 from impactscope.discrepancy.impact.pruning import prune
 from impactscope.discrepancy.impact.strong import from_first_contact, from_taps
-from impactscope.discrepancy.impact.swing import weight_matters, with_other_weight, with_weight_of
 from impactscope.discrepancy.impact.workbench import Trial, Workbench
+from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['Search']
@@ -66,7 +67,7 @@ _BEYOND = 1.15  # ratio of the window in which is looked to the one that was rea
 _DETOURS = 3
 _SHORTER = 0.8  # of the samples, that another structure must follow at least
 _TELLING = 4.0  # ratio of reduced chi-squares from which a structure is another
-_WORSE = 1.1  # the same from which a weight is taken otherwise
+_WORSE = 1.1  # the same from which a name is taken otherwise
 _DOUBTED = 5  # candidates that are looked at again where what is left is no noise
 _LEAST_GAIN = 9.0  # of chi-square, of such a candidate with one number
 _LEAST_CHANCE = 0.0027  # that noise alone gives it as much, whatever its numbers
@@ -130,7 +131,7 @@ class Search:
             if followed_whole and not outcome.accepted:
                 # a shorter window knows less: it shall not lead away from what the whole one tells
                 current = dataclasses.replace(current, x=baseline.x)
-            grown, until = _with_either_weight(current, outcome, reached, window)
+            grown, until = _by_convention(current, outcome, reached, window)
             if until < window and detours:
                 # look where the misfit has only begun
                 detours -= 1
@@ -152,16 +153,16 @@ class Search:
         outcome.final = self._doubted(current, outcome)
         return self._finished(outcome)
 
-    def with_other_weight(self, outcome: Outcome) -> Outcome:
-        """What was found with the weight taken the other way, where that explains it as well.
+    def with_convention(self, outcome: Outcome, taken: ImpactModel) -> Outcome:
+        """What was found, the names taken as in ``taken``, where that explains it as well.
 
-        A finding that only made up for the weight is not needed there.
+        A finding that only made up for the choice is not needed there.
         """
         final = outcome.final
-        other = fit(with_other_weight(final.model), final.layout, final.x, near=final)
+        other = fit(with_conventions_of(final.model, taken), final.layout, final.x, near=final)
         if other.chi_square > final.chi_square + _LEAST_GAIN:
             return outcome
-        model = with_weight_of(outcome.baseline.model, other.model)
+        model = with_conventions_of(outcome.baseline.model, other.model)
         swung = dataclasses.replace(
             outcome,
             baseline=dataclasses.replace(outcome.baseline, model=model),
@@ -228,7 +229,9 @@ class Search:
             return baseline, outcome
         listed = candidates(baseline, self.baseline_names)
         best: tuple[Candidate, Fit, Fit] | None = None
-        tried = [(c, fit_baseline(c.extend(baseline.model))) for c in listed if not c.free]
+        others = [c for c in listed if not c.free]
+        fits = side_by_side(lambda c: fit_baseline(c.extend(baseline.model)), others)
+        tried = list(zip(others, fits, strict=True))
         if 'contact.stiffness' in baseline.values and baseline.reduced > LOST:
             tried += from_taps(baseline, self.baseline_names)
         tried += with_late_channel(baseline, self.baseline_names)
@@ -286,20 +289,17 @@ class Search:
             return current
         start = with_findings(dataclasses.replace(outcome, final=current), [], current.layout)
         listed = candidates(start, self.baseline_names)
-        found = self.fits.judge(start, self.fits.order(start, listed), len(listed), _AHEAD)
+        names = {c.name for c in outcome.accepted}
+        others = [c for c in listed if c.name not in names]
         cost = sum(c.cost for c in outcome.accepted)
         gain = (start.chi_square - current.chi_square) / max(1.0, current.reduced)
-        reached = information(-gain, cost, current.layout.size)
         # each further finding was chosen among all candidates, which one alone was but once
-        reached += 2.0 * math.log(len(listed)) * (len(outcome.accepted) - 1)
-        names = {c.name for c in outcome.accepted}
+        chosen = 2.0 * math.log(len(listed)) * (len(outcome.accepted) - 1)
+        reached = information(-gain, cost, current.layout.size) + chosen
+        dearer = chosen + cost * math.log(current.layout.size)
+        found = self._alone(start, current, others, len(listed), dearer)
         for item in found:
-            if (
-                item.criterion > reached
-                or item.refused
-                or item.fit.reduced > QUIET
-                or item.candidate.name in names
-            ):
+            if item.criterion > reached or item.refused or item.fit.reduced > QUIET:
                 continue
             outcome.accepted.clear()
             outcome.accepted.append(item.candidate)
@@ -309,6 +309,27 @@ class Search:
             outcome.last = []
             return item.fit
         return current
+
+    def _alone(
+        self, start: Fit, current: Fit, listed: Sequence[Candidate], looks: int, dearer: float
+    ) -> list[Found]:
+        """Candidates fitted alone over the whole window of a fit without any.
+
+        Where that fit is lost its numbers are bent, and trials beside them say little: what
+        explains everything alone explains the first contacts alone, no worse than ``current``,
+        which has findings that count for ``dearer`` of chi-square.
+        """
+        if start.reduced < LOST:
+            return self.fits.judge(start, self.fits.order(start, listed), looks, _AHEAD)
+        first = self.windows[0]
+        near, as_good = _near(start, first), _near(current, first).chi_square + dearer
+        found = []
+        for item in self.fits.judge(near, self.fits.order(near, listed), looks, _AHEAD):
+            if item.fit.reduced < QUIET and item.fit.chi_square < as_good:
+                whole, _ = _grown(item.fit, first, start.layout.window)
+                if whole.layout.size == start.layout.size:
+                    found.append(weigh(item.candidate, whole, start, looks))
+        return sorted(found, key=lambda f: f.criterion)
 
     def _another_pair(self, current: Fit, outcome: Outcome) -> Fit:
         """A pair in place of all findings that do not explain the recordings.
@@ -495,26 +516,28 @@ def _near(found: Fit, window: float) -> Fit:
     return fit(found.model, _up_to(found, window), found.x)
 
 
-def _with_either_weight(
+def _by_convention(
     current: Fit, outcome: Outcome, reached: float, window: float
 ) -> tuple[Fit, float]:
-    """A longer window, its weight taken the other way where that goes further; see `_grown`.
+    """A longer window, what the names leave open taken otherwise where that goes further.
 
-    While something large is missing the baseline cannot tell how the weight acts. What it gets
-    wrong shows in late bounces, and would be sought among the effects.
+    While something large is missing the baseline cannot tell how they are meant. What it gets
+    wrong shows in late bounces, and would be sought among the effects. See `_grown`.
     """
-    grown, until = _grown(current, reached, window)
-    if (until == window and grown.reduced < QUIET) or not weight_matters(grown):
-        return grown, until
-    other = fit(with_other_weight(current.model), current.layout, current.x, iterations=12)
-    if other.reduced > max(QUIET, _WORSE * current.reduced):
-        return grown, until
-    swung, further = _grown(other, reached, window)
-    if further < until or (further == until and _WORSE * swung.reduced > grown.reduced):
-        return grown, until
-    model = with_weight_of(outcome.baseline.model, swung.model)
-    outcome.baseline = dataclasses.replace(outcome.baseline, model=model)
-    return swung, further
+    best, until = _grown(current, reached, window)
+    if until == window and best.reduced < QUIET:
+        return best, until
+    for model in other_conventions(best):
+        meant = with_conventions_of(current.model, model)
+        other = fit(meant, current.layout, current.x, iterations=12)
+        if other.reduced > max(QUIET, _WORSE * current.reduced):
+            continue
+        grown, further = _grown(other, reached, window)
+        if further > until or (further == until and _WORSE * grown.reduced < best.reduced):
+            best, until = grown, further
+    meant = with_conventions_of(outcome.baseline.model, best.model)
+    outcome.baseline = dataclasses.replace(outcome.baseline, model=meant)
+    return best, until
 
 
 def _renewed(current: Fit, outcome: Outcome) -> Fit:

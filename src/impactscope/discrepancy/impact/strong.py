@@ -24,11 +24,19 @@ from impactscope.discrepancy.impact.fit import Fit, at_point, fit
 from impactscope.discrepancy.impact.follow import begun, fit_baseline, follow
 from impactscope.discrepancy.impact.model import ImpactModel, Layout
 from impactscope.discrepancy.impact.outcome import QUIET
-from impactscope.discrepancy.impact.workbench import Workbench
+from impactscope.discrepancy.impact.workbench import Trial, Workbench
+from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
-__all__ = ['from_first_contact', 'from_taps', 'in_place_of', 'race', 'related']
+__all__ = [
+    'from_first_contact',
+    'from_taps',
+    'in_place_of',
+    'race',
+    'related',
+    'with_its_numbers',
+]
 
 Array = NDArray[np.float64]
 
@@ -115,13 +123,13 @@ def _cold(current: Fit) -> Array:
 def _ready(near: Fit, baseline_names: Sequence[str]) -> list[tuple[Candidate, Fit]]:
     """Candidates at the start, the most promising of each kind first."""
     workbench = Workbench(near)
-    found = []
-    for candidate in candidates(near, baseline_names):
-        trials = workbench.best(candidate)
-        better = [workbench.refined(workbench.scaled(t)) for t in trials[:_REFINED]]
-        if better:
-            found.append(max(better, key=lambda t: t.gain))
-    found.sort(key=lambda t: -t.gain)
+
+    def tried(candidate: Candidate) -> Trial | None:
+        trials = workbench.best(candidate)[:_REFINED]
+        return workbench.best_refined(trials) if trials else None
+
+    trials = side_by_side(tried, candidates(near, baseline_names))
+    found = sorted((t for t in trials if t is not None), key=lambda t: -t.gain)
     seen: set[str] = set()
     ready = []
     for trial in found:
@@ -241,7 +249,7 @@ def in_place_of(leader: Fit, without: ImpactModel, candidate: Candidate) -> Fit 
         place = at_point(without, leader.layout, x)
         workbench = Workbench(place)
         tried = workbench.best(candidate)
-        starts = [workbench.refined(workbench.scaled(t)).x for t in tried[:_REFINED]]
+        starts = [workbench.best_refined([t]).x for t in tried[:_REFINED]]
         model = candidate.extend(without)
         starts += [workbench.vector(model, s) for s in _of_same_unit(known, leader, candidate)]
         best: tuple[float, Array] | None = None
@@ -253,6 +261,29 @@ def in_place_of(leader: Fit, without: ImpactModel, candidate: Candidate) -> Fit 
                     best = cost, start
         if best is not None:
             return fit(model, leader.layout, best[1], settled=0.1)
+    return None
+
+
+def with_its_numbers(leader: Fit, without: ImpactModel, candidate: Candidate) -> Fit | None:
+    """A candidate fitted from the numbers of the same unit that another explanation has found.
+
+    One law may hold another as a special case, and where numbers are known to a thousandth, a fit
+    from anywhere else ends in another minimum. None where there are none of its units.
+    """
+    known = leader.values
+    model = candidate.extend(without)
+    best: tuple[float, Array] | None = None
+    for numbers in _of_same_unit(known, leader, candidate):
+        x = np.array([f.to_inner({**known, **numbers}.get(f.key, f.start)) for f in model.free])
+        with contextlib.suppress(ImpactscopeError):
+            residuals = model.residuals(x, leader.layout)
+            cost = float(residuals @ residuals)
+            if math.isfinite(cost) and (best is None or cost < best[0]):
+                best = cost, x
+    if best is None:
+        return None
+    with contextlib.suppress(ImpactscopeError):
+        return fit(model, leader.layout, best[1], settled=0.1)
     return None
 
 

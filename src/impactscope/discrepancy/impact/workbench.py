@@ -7,7 +7,7 @@ left of it, against the residual, says what a joint fit would gain and where it 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,17 +18,29 @@ from impactscope.discrepancy.impact.fit import Fit, jacobian, projector
 from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['Trial', 'Weakened', 'Workbench']
+__all__ = ['Remembered', 'Trial', 'Workbench']
 
 Array = NDArray[np.float64]
-Weakened = dict[tuple[str, tuple[tuple[str, float], ...]], dict[str, float]]
-"""Starts of candidates, by label and value, at which their effect was weak before."""
-
 _FELT = 15.0  # norm of the change by an effect that is weak
 _WEAKER = 4  # times that a trial is made weaker
 _FAINT = 0.2  # of that norm: weaker ones tell less
 _NEAR = 1.15  # reduced chi-square up to which strong effects are out of the question
 _STARTS = 3  # of a candidate that are refined
+_MANY = 8  # starts of a candidate that are tried again in a longer window
+_TOLD = 0.1  # s after the onset, from which a window tells them apart
+
+
+@dataclass(eq=False)
+class Remembered:
+    """What earlier trials of a search tell later ones, where nothing strong is missing."""
+
+    weak: dict[tuple[str, tuple[tuple[str, float], ...]], dict[str, float]] = field(
+        default_factory=dict
+    )
+    """Starts of candidates, by label and value, at which their effect was weak."""
+
+    ahead: dict[tuple[str, ...], tuple[int, ...]] = field(default_factory=dict)
+    """Which of many starts did best beside the same numbers, by label and those numbers' keys."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,9 +59,9 @@ class Trial:
 class Workbench:
     """Candidates tried at a fitted model, with everything it can re-tune projected out."""
 
-    def __init__(self, current: Fit, weakened: Weakened | None = None) -> None:
+    def __init__(self, current: Fit, remembered: Remembered | None = None) -> None:
         self.current = current
-        self.weakened = weakened if weakened is not None and current.reduced < _NEAR else None
+        self.remembered = remembered if current.reduced < _NEAR else None
         self.basis = projector(current.jacobian)
         self.residual = self._out(current.residuals)
         self.power = float(self.residual @ self.residual)
@@ -77,9 +89,18 @@ class Workbench:
         """The best of a candidate's starts, each simulated, the best first."""
         if candidate.free and candidate.free[0].key in self.keys:
             return [self._released(candidate)]
-        tried = [t for s in candidate.starts if (t := self._tried(candidate, s)) is not None]
-        tried.sort(key=lambda t: t.gain, reverse=True)
-        return tried[:_STARTS]
+        place = candidate.label, *self.keys
+        known = self.remembered.ahead.get(place) if self.remembered is not None else None
+        tried = []
+        for i in range(len(candidate.starts)) if known is None else known:
+            trial = self._tried(candidate, candidate.starts[i])
+            if trial is not None:
+                tried.append((i, trial))
+        tried.sort(key=lambda item: item[1].gain, reverse=True)
+        telling = self.current.layout.window > _TOLD and len(candidate.starts) > _MANY
+        if self.remembered is not None and known is None and telling:
+            self.remembered.ahead[place] = tuple(i for i, _ in tried[:_MANY])
+        return [t for _, t in tried[:_STARTS]]
 
     def vector(self, model: ImpactModel, start: Mapping[str, float]) -> Array:
         """Numbers of an extended model: those of ``start``, the others as they were fitted."""
@@ -98,7 +119,7 @@ class Workbench:
         if candidate.cost > 4:  # a number for each blow: linear
             return self.refined(Trial(candidate, 0.0, model, x), 1)
         place = candidate.label, tuple(sorted(start.items()))
-        known = None if self.weakened is None else self.weakened.get(place)
+        known = None if self.remembered is None else self.remembered.weak.get(place)
         try:
             left = self._left(model, x if known is None else self.vector(model, known))
             if known is not None:
@@ -124,8 +145,8 @@ class Workbench:
             start, left = weaker, changed
             gain = max(gain, self.power - float(left @ left))
             effect = float(np.linalg.norm(left - self.residual))
-        if self.weakened is not None:
-            self.weakened[place] = dict(start)
+        if self.remembered is not None:
+            self.remembered.weak[place] = dict(start)
         factor, linear = self._factor(left)
         if factor < 0.0 and self._one_sided(candidate, start):
             gain, linear, x = min(gain, 0.0), -math.inf, self.vector(model, start)
@@ -203,6 +224,10 @@ class Workbench:
         x = np.array([known[f.key] for f in model.free])
         lower, upper = model.bounds()
         return Trial(candidate, gain, model, np.clip(x, lower, upper))
+
+    def best_refined(self, trials: Sequence[Trial]) -> Trial:
+        """The best of some trials of a candidate, their strength and other numbers adjusted."""
+        return max((self.refined(self.scaled(t)) for t in trials), key=lambda t: t.gain)
 
     def refined(self, trial: Trial, iterations: int = 2) -> Trial:
         """A trial with its own numbers adjusted, the others re-tuned in linear approximation."""

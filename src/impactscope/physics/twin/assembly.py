@@ -139,6 +139,10 @@ def assemble(bench: Bench, blow: Blow, effects: Iterable[Effect]) -> Array:
         if blow.push_force > 0 and math.isfinite(blow.push_hold):
             release = blow.push_rise + blow.push_hold
             _lift(par, blow.retract_force, release, blow.push_fall)
+    if bench.damper is None and par[at.IMPACT_SPEED] > 0.0 and bench.contact.loss_of != 'material':
+        by_speed = bench.contact.loss_by_speed
+        par[at.CONTACT_LOSS] = by_speed / par[at.IMPACT_SPEED]
+        par[at.LOSS_BY_SPEED] = by_speed if bench.contact.loss_of == 'contact' else 0.0
     for effect in effects:
         kind = effect.mechanism
         if 'damper' in kind.needs and bench.damper is None:

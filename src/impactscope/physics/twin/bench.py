@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import math
 from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +24,16 @@ __all__ = [
     'Blow',
     'DamperLayer',
     'HammerTap',
+    'LossOf',
     'MaxwellBranch',
     'MeasuredForce',
     'PendulumBlow',
     'RobotBlow',
     'Sensor',
 ]
+
+LossOf = Literal['material', 'blow', 'contact']
+"""What the loss of a bare contact is a constant of; see :class:`BareContact`."""
 
 
 def _check(owner: str, **limits: tuple[float, float, float]) -> None:
@@ -110,17 +115,26 @@ IMPACT_RATE_LAYER = dataclasses.replace(
 class BareContact:
     """Impactor on plate without damper: Hunt and Crossley, F = K d^n (1 + a d').
 
-    ``restitution`` is that of a free blow at ``restitution_speed`` m/s; the loss ``a`` follows.
-    The default stiffness is that of a rounded aluminium tip on a steel plate.
-    Source: Hunt and Crossley, J. Appl. Mech. 42 (1975).
+    ``restitution`` is that of a free blow; the loss ``a`` follows. Hunt and Crossley's ``a`` is
+    one of the ``'material'``: then the restitution is that at ``restitution_speed`` m/s, and falls
+    with the speed. Others take ``a`` from the speed of the ``'blow'`` (as Lankarani and Nikravesh
+    do), so that its first contact has that restitution at any speed, or from that of each
+    ``'contact'``. The default stiffness is that of a rounded aluminium tip on a steel plate.
+    Sources: Hunt and Crossley, J. Appl. Mech. 42 (1975); Lankarani and Nikravesh, J. Mech. Des.
+    112 (1990).
     """
 
     stiffness: float = 1e9  # N/m^exponent
     exponent: float = 1.5
     restitution: float = 0.5
     restitution_speed: float = 0.5  # m/s
+    loss_of: LossOf = 'material'
 
     def __post_init__(self) -> None:
+        if self.loss_of not in get_args(LossOf):
+            raise ConfigurationError(
+                f'bare contact: loss_of {self.loss_of!r} is none of {", ".join(get_args(LossOf))}'
+            )
         _check(
             'bare contact',
             stiffness=(self.stiffness, 1.0, 1e14),
@@ -137,6 +151,11 @@ class BareContact:
         exponent drops out.
         """
         return _loss(self.restitution, self.restitution_speed)
+
+    @property
+    def loss_by_speed(self) -> float:
+        """The product of ``a`` and the speed at which a contact has the restitution."""
+        return _loss(self.restitution, 1.0)
 
 
 @functools.lru_cache(maxsize=64)

@@ -385,7 +385,7 @@ def integrate(
     """
     n = len(y)
     return _run(
-        par,
+        par.copy(),  # which changes where the loss of a contact goes by its speed
         y,
         contact,
         corners,

@@ -19,12 +19,14 @@ from impactscope.physics.twin.equations import (
     stick_reserve,
 )
 
-__all__ = ['LEAST_SPEED', 'catch', 'change_mode', 'guide_after', 'slip_direction']
+__all__ = ['LEAST_SPEED', 'SLOWEST', 'catch', 'change_mode', 'guide_after', 'slip_direction']
 
 Array = NDArray[np.float64]
 
 LEAST_SPEED = 1e-12
 """m/s; below this a sliding plate counts as not having turned."""
+SLOWEST = 5e-3
+"""m/s; a contact that begins more slowly loses as if it began at this speed."""
 
 
 @compiled
@@ -70,11 +72,17 @@ def change_mode(
     slips_to: int,
     tracked: bool,
 ) -> tuple[int, int, int, int]:
-    """Modes of contact, guide and spring after guard ``which`` ended one, and the event's kind."""
+    """Modes of contact, guide and spring after guard ``which`` ended one, and the event's kind.
+
+    A contact whose loss goes by its own speed enters that in ``par``.
+    """
     contact, guide, region = modes
     if which == 0:
         if contact == at.OPEN:
             contact, kind = at.CLOSED, at.CONTACT_BEGINS
+            if par[at.LOSS_BY_SPEED] > 0.0:
+                approach = max(y[at.VP] - y[at.V], SLOWEST)
+                par[at.CONTACT_LOSS] = par[at.LOSS_BY_SPEED] / approach
         else:
             contact, kind = at.OPEN, at.CONTACT_ENDS
             if t >= par[at.CATCH_TIME]:

@@ -1,0 +1,96 @@
+"""What the names of a baseline leave open: choices of simulations, no missing physics.
+
+A pendulum's weight: many take it for a constant load, or a linear spring, as it is at the contact.
+A pendulum that bounces by several degrees feels the cosine of that, and the sine.
+
+The loss of a bare contact: Hunt and Crossley's constant belongs to the material, so that the
+restitution falls with the speed. Others take it from the speed of the blow, or of each contact,
+so that the restitution is a number of its own.
+
+A baseline that names the weight or the contact means any of these. The one that leaves least is
+taken, first for the baseline and again where something was found.
+"""
+
+from __future__ import annotations
+
+from impactscope.discrepancy.impact.fit import Fit, fit
+from impactscope.discrepancy.impact.follow import fit_baseline, follows_all, further
+from impactscope.discrepancy.impact.model import LARGE_ANGLES, LOSS_OF, LOSSES, ImpactModel
+from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.errors import ImpactscopeError
+
+__all__ = ['conventions_told', 'other_conventions', 'with_conventions_of', 'with_likelier']
+
+_WEIGHTS = ('gravity_load', 'restoring_force')
+_SOUND = 1.5  # reduced chi-square of a baseline that lacks nothing large
+_SEEN = 4.0  # chi-square of the difference, below which nobody can tell
+_TOLD = {
+    'blow': 'goes by the speed of each blow',
+    'contact': 'goes by the speed of each contact',
+}
+
+
+def other_conventions(found: Fit) -> list[ImpactModel]:
+    """A fit's model with what its names leave open taken otherwise, one choice at a time.
+
+    Only choices that would be seen to differ.
+    """
+    model = found.model
+    constants = model.constants
+    choices: list[dict[str, float]] = []
+    kinds = {model.data.blows[i].recording.kind for i in found.layout.blows}
+    if 'pendulum' in kinds and any(e.name in _WEIGHTS for e in model.effects):
+        choices.append({LARGE_ANGLES: 0.0 if constants.get(LARGE_ANGLES, 0.0) > 0.0 else 1.0})
+    if 'contact.stiffness' in found.values and kinds != {'tap'}:
+        taken = constants.get(LOSS_OF, 0.0)
+        choices += [{LOSS_OF: float(i)} for i in range(len(LOSSES)) if i != taken]
+    others = [model.extended(constants=choice) for choice in choices]
+    return [other for other in others if _differs(found, other)]
+
+
+def _differs(found: Fit, other: ImpactModel) -> bool:
+    try:
+        moved = other.residuals(found.x, found.layout) - found.residuals
+    except ImpactscopeError:
+        return True
+    return float(moved @ moved) > _SEEN
+
+
+def with_likelier(baseline: Fit) -> Fit:
+    """A baseline with what its names leave open taken in the way that leaves least.
+
+    A choice that is not the recordings' bends the numbers of a baseline until the later bounces
+    are met somehow. From there no fit may lead back: then the others have a cold start of their
+    own, and are taken if they leave little. Where much else is missing nobody can tell yet.
+    """
+    others = other_conventions(baseline)
+    near = [fit(model, baseline.layout, baseline.x) for model in others]
+    best = min((baseline, *near), key=lambda f: f.chi_square)
+    if follows_all(best):
+        return best
+    for other in side_by_side(fit_baseline, others):
+        if other.reduced < _SOUND:
+            best = further(best, other)
+    return best
+
+
+def with_conventions_of(model: ImpactModel, other: ImpactModel | None) -> ImpactModel:
+    """A model with what its names leave open taken as in another; as it is without one."""
+    if other is None:
+        return model
+    known = {k: other.constants[k] for k in (LARGE_ANGLES, LOSS_OF) if k in other.constants}
+    return model.extended(constants=known)
+
+
+def conventions_told(model: ImpactModel) -> list[str]:
+    """What was taken otherwise than the names say first, a sentence each."""
+    told = []
+    if model.constants.get(LARGE_ANGLES, 0.0) > 0.0:
+        told.append('The weight is taken with the swing: cosine and sine of its angle.')
+    loss = LOSSES[round(model.constants.get(LOSS_OF, 0.0))]
+    if loss in _TOLD:
+        told.append(
+            f'The loss of the contact {_TOLD[loss]}, so that its restitution does not fall with '
+            'the speed.'
+        )
+    return told

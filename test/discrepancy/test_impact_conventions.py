@@ -1,0 +1,67 @@
+"""What the names of a baseline leave open is no missing physics, whichever way it is meant."""
+
+from __future__ import annotations
+
+import pytest
+
+from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.conventions import other_conventions, with_conventions_of
+from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.fit import at_point
+from impactscope.discrepancy.impact.follow import fit_baseline
+from impactscope.discrepancy.impact.model import LARGE_ANGLES
+from impactscope.physics.twin.assembly import Effect
+from impactscope.physics.twin.bench import BareContact
+
+BARE = ('linear_sensor', 'hertz_contact', 'unilateral_contact', 'gravity_load')
+
+
+def test_a_weight_is_taken_the_other_way_and_back(make_campaign):
+    campaign = make_campaign(20)
+    baseline = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    (other,) = other_conventions(baseline)
+    assert other.constants[LARGE_ANGLES] == 1.0
+    (back,) = other_conventions(at_point(other, baseline.layout, baseline.x))
+    assert back.constants[LARGE_ANGLES] == 0.0
+    assert with_conventions_of(baseline.model, other).constants[LARGE_ANGLES] == 1.0
+
+
+def test_nobody_can_tell_where_there_is_no_weight(make_campaign):
+    names = ('linear_sensor', 'zener_damper', 'unilateral_contact')
+    campaign = make_campaign(20, orientation='horizontal', baseline=names)
+    assert other_conventions(fit_baseline(baseline_model(campaign, prepare(campaign)))) == []
+
+
+def test_nothing_is_missing_where_the_weight_goes_with_the_swing(make_campaign):
+    answer = explain(make_campaign(21, large_angles=True, duration=1.0))
+    assert answer.accepted == ()
+    assert not answer.unexplained
+
+
+def test_friction_beside_a_weight_that_goes_with_the_swing(make_campaign):
+    friction = Effect('coulomb_friction', {'force': 0.5})
+    answer = explain(make_campaign(22, [friction], large_angles=True, duration=1.0))
+    assert answer.accepted == ('coulomb_friction',)
+    force = answer.ranking[0].parameters['force']
+    assert abs(force.value - 0.5) < 4.0 * force.std + 1e-4
+
+
+@pytest.mark.parametrize('loss_of', ['material', 'blow', 'contact'])
+def test_nothing_is_missing_whatever_the_loss_of_a_bare_contact_is_a_constant_of(
+    make_campaign, loss_of
+):
+    contact = BareContact(3e8, restitution=0.6, loss_of=loss_of)
+    answer = explain(make_campaign(45, bare=contact, baseline=BARE, rate=5000.0))
+    assert answer.accepted == ()
+    assert not answer.unexplained
+    assert any('restitution' in note for note in answer.notes) is (loss_of != 'material')
+
+
+def test_friction_beside_a_contact_that_loses_by_its_own_speed(make_campaign):
+    friction = Effect('coulomb_friction', {'force': 1.0})
+    contact = BareContact(3e8, restitution=0.6, loss_of='contact')
+    answer = explain(make_campaign(46, [friction], bare=contact, baseline=BARE, rate=5000.0))
+    assert answer.accepted == ('coulomb_friction',)
+    force = answer.ranking[0].parameters['force']
+    assert abs(force.value - 1.0) < 4.0 * force.std + 1e-4
