@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.candidates import candidates
+from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.follow import fit_baseline
+from impactscope.discrepancy.impact.strong import with_its_numbers
 from impactscope.physics.twin.assembly import Effect
 
 
@@ -25,3 +32,21 @@ def test_friction_of_two_sizes_is_not_taken_for_one(make_campaign):
     answer = explain(make_campaign(52, [effect]))
     assert answer.accepted == ('asymmetric_friction',)
     assert 'coulomb_friction' not in answer.ranking[0].confused_with
+
+
+def test_a_law_within_another_is_fitted_from_the_other_ones_numbers(make_campaign):
+    campaign = make_campaign(61, [Effect('coulomb_friction', {'force': 2.0})])
+    baseline = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    listed = {c.label: c for c in candidates(baseline, ())}
+    richer, plain = listed['asymmetric_friction'], listed['coulomb_friction']
+    # without friction nothing but the first contact is met, and from there its size is not found
+    model = richer.extend(baseline.model)
+    model.free = tuple(
+        dataclasses.replace(f, start=2.0) if f in richer.free else f for f in model.free
+    )
+    leader = fit_baseline(model)
+    assert leader.reduced < 1.1
+    found = with_its_numbers(leader, baseline.model, plain)
+    assert found is not None
+    assert found.chi_square < leader.chi_square + 8.0
+    assert with_its_numbers(leader, baseline.model, listed['clearance']) is None

@@ -59,6 +59,7 @@ _SLOW = ('ac_coupling', 'offset', 'zero_drift')  # effects that slow noise may l
 _SEEN_MISSED = 1.21  # reduced chi-square of a prediction, from which it is told
 _FIRST_CONTACT = 0.012  # s after the onset
 _PRICE = 10.0  # chi-square that a further number must bring
+_FAR_BEHIND = 100.0  # of chi-square
 _WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
 
 
@@ -120,8 +121,9 @@ def _searched(
     if others and _left(outcome, thresholds):
         fits = side_by_side(lambda m: fit_baseline(with_conventions_of(baseline.model, m)), others)
         other = functools.reduce(further, fits)
-        both = (outcome, search.run(with_later_cuts(other)))
-        outcome = min(both, key=lambda o: (_left(o, thresholds), _cost(o)))
+        if not _far_behind(other, baseline):
+            both = (outcome, search.run(with_later_cuts(other)))
+            outcome = min(both, key=lambda o: (_left(o, thresholds), _cost(o)))
     elif outcome.accepted:
         for model in others:
             outcome = search.with_convention(outcome, model)
@@ -133,6 +135,15 @@ def _searched(
 
 def _left(outcome: Outcome, thresholds: Thresholds) -> bool:
     return _unexplained(outcome, thresholds)[0]
+
+
+def _far_behind(other: Fit, baseline: Fit) -> bool:
+    """Whether a baseline leaves far more than one that lacks no more than something weak."""
+    size = baseline.layout.size
+    if baseline.reduced > _WEAK or size < baseline.model.layout(baseline.layout.blows).size:
+        return False
+    excess = other.chi_square - baseline.chi_square
+    return other.layout.size < 0.98 * size or excess > _FAR_BEHIND
 
 
 def _cost(outcome: Outcome) -> float:
