@@ -6,11 +6,11 @@ import pytest
 
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.bench_numbers import LARGE_ANGLES
 from impactscope.discrepancy.impact.conventions import other_conventions, with_conventions_of
 from impactscope.discrepancy.impact.data import prepare
 from impactscope.discrepancy.impact.fit import at_point
 from impactscope.discrepancy.impact.follow import fit_baseline
-from impactscope.discrepancy.impact.model import LARGE_ANGLES
 from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import BareContact
 

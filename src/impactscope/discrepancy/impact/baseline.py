@@ -10,14 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.campaign import Campaign, Quantity
+from impactscope.discrepancy.impact.bench_numbers import ADDED_WEIGHT, WEIGHT
 from impactscope.discrepancy.impact.data import BlowData, CampaignData
-from impactscope.discrepancy.impact.model import (
-    ADDED_WEIGHT,
-    WEIGHT,
-    ActiveEffect,
-    Free,
-    ImpactModel,
-)
+from impactscope.discrepancy.impact.model import ActiveEffect, Free, ImpactModel
 from impactscope.errors import ConfigurationError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum

@@ -13,9 +13,10 @@ taken, first for the baseline and again where something was found.
 
 from __future__ import annotations
 
+from impactscope.discrepancy.impact.bench_numbers import LARGE_ANGLES, LOSS_OF, LOSSES
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.follow import fit_baseline, follows_all, further
-from impactscope.discrepancy.impact.model import LARGE_ANGLES, LOSS_OF, LOSSES, ImpactModel
+from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 

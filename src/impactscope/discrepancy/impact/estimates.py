@@ -9,9 +9,9 @@ import numpy as np
 
 from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.campaign import Campaign
+from impactscope.discrepancy.impact.bench_numbers import ADDED_WEIGHT, WEIGHT
 from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.fit import Fit
-from impactscope.discrepancy.impact.model import ADDED_WEIGHT, WEIGHT
 from impactscope.discrepancy.impact.outcome import Outcome
 from impactscope.physics.mechanisms.registry import mechanism
 from impactscope.physics.pendulum import Orientation

@@ -11,13 +11,18 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.discrepancy.impact.bench_numbers import (
+    after_loss,
+    describe,
+    follow_weight,
+    weight_as_stated,
+)
 from impactscope.discrepancy.impact.bins import BinnedChannel
-from impactscope.discrepancy.impact.data import BlowData, CampaignData
+from impactscope.discrepancy.impact.data import CampaignData
 from impactscope.discrepancy.impact.kept import Kept
 from impactscope.discrepancy.impact.measuring import (
     distort,
@@ -30,36 +35,16 @@ from impactscope.discrepancy.impact.noise import Whitener, whitener
 from impactscope.discrepancy.impact.standardised import standardised
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.physics.mechanisms.registry import mechanism
-from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum
 from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.assembly import Effect, assemble
 from impactscope.physics.twin.bench import (
-    BareContact,
     Bench,
     Blow,
-    DamperLayer,
     HammerTap,
-    LossOf,
-    MaxwellBranch,
-    PendulumBlow,
-    RobotBlow,
-    Sensor,
 )
 from impactscope.physics.twin.simulate import CHANNELS, solve
 
-__all__ = [
-    'ADDED_WEIGHT',
-    'LARGE_ANGLES',
-    'LOSSES',
-    'LOSS_OF',
-    'SPEED_RATIO',
-    'WEIGHT',
-    'ActiveEffect',
-    'Free',
-    'ImpactModel',
-    'Layout',
-    'Prediction',
-]
+__all__ = ['SPEED_RATIO', 'ActiveEffect', 'Free', 'ImpactModel', 'Layout', 'Prediction']
 
 Array = NDArray[np.float64]
 _Moments = tuple[Array, dict[str, NDArray[np.int64]]]
@@ -67,15 +52,6 @@ _Solution = tuple[Array, Array, NDArray[np.int64]]  # rows, event times and kind
 
 TOLERANCE = 1e-7
 SPEED_RATIO = 'impact_speed_loss.ratio'
-WEIGHT, ADDED_WEIGHT = 'weight', 'added_weight'
-"""Of a weight that follows from geometry or mass: a factor on it, and what it has beside, N."""
-
-LARGE_ANGLES = 'pendulum.large_angles'
-"""Above 0: the pendulum's weight acts with cosine and sine of the swing."""
-LOSS_OF = 'contact.loss_of'
-"""What the loss of a bare contact is a constant of: place among `LOSSES`."""
-LOSSES: tuple[LossOf, ...] = get_args(LossOf)
-
 _SOLUTIONS = 8  # kept for each blow
 _MOMENTS, _WHITENERS = 60, 150  # kept
 _TELLS = 3.0  # of its noise, uncertainty of a bin up to which it is fitted
@@ -301,7 +277,7 @@ class ImpactModel:
                 continue
             mean, std = number.prior
             if ratio != 1.0 and number.blow is not None:
-                mean = _after_loss(number.key, mean, ratio, values)
+                mean = after_loss(number.key, mean, ratio, values)
             out[j] = (values[number.key] - mean) / std
         return out
 
@@ -440,12 +416,12 @@ class ImpactModel:
         for active in self.effects:
             kind = mechanism(active.name)
             if active.name == 'impact_speed_loss' and SPEED_RATIO in values:
-                continue  # see _after_loss
+                continue  # see after_loss
             if kind.on_channel or not kind.needs <= there:
                 continue
             numbers = self._numbers(values, active, i)
-            if active.name in _WEIGHTS and not _follow_weight(
-                numbers, blow, bench, _weight_as_stated(values, active)
+            if active.name in _WEIGHTS and not follow_weight(
+                numbers, blow, bench, weight_as_stated(values, active.tag)
             ):
                 continue
             if active.name == 'stribeck_friction':
@@ -481,91 +457,3 @@ class ImpactModel:
                 numbers['ahead'] = values.get(f'{active.tag}.ahead', 0.0)
             chain.setdefault(active.channel, []).append((active.name, numbers))
         return chain
-
-
-def _after_loss(key: str, stated: float, ratio: float, values: Mapping[str, float]) -> float:
-    """What a release as stated amounts to after a loss of speed, as an angle or a speed.
-
-    The fitted release is the one that gives the speed at impact. So a loss of speed does not
-    enter the equations of motion, only what the stated release leads to expect: the two could
-    otherwise hardly be told apart by a fit whose sensitivity to speed is very large.
-    """
-    if key.startswith('speed@'):
-        return ratio * stated
-    if not key.startswith('angle@'):
-        return stated
-    if values.get('orientation', 0.0) > 0.5:
-        return math.degrees(2 * math.asin(min(ratio * math.sin(math.radians(stated) / 2), 1.0)))
-    return math.degrees(math.asin(min(ratio**2 * math.sin(math.radians(stated)), 1.0)))
-
-
-def _weight_as_stated(values: Mapping[str, float], active: ActiveEffect) -> tuple[float, float]:
-    """Factor on a weight that follows from geometry or mass, and what it has beside, N."""
-    share = values.get(f'{active.tag}.{WEIGHT}', 1.0)
-    return share, values.get(f'{active.tag}.{ADDED_WEIGHT}', 0.0)
-
-
-def _follow_weight(
-    numbers: dict[str, float], blow: Blow, bench: Bench, as_stated: tuple[float, float]
-) -> bool:
-    """Fill in a weight that is to follow from geometry or mass; False: none acts."""
-    share, more = as_stated
-    if isinstance(blow, RobotBlow) and math.isnan(numbers.get('force', 0.0)):
-        numbers['force'] = share * blow.effective_mass * STANDARD_GRAVITY + more
-    if not isinstance(blow, PendulumBlow):
-        return True
-    pendulum, horizontal = blow.pendulum, bench.orientation is Orientation.HORIZONTAL
-    if 'force' in numbers and math.isnan(numbers['force']):
-        numbers['force'] = share * pendulum.contact_weight() + more
-        return not horizontal
-    if 'stiffness' in numbers and math.isnan(numbers['stiffness']):
-        numbers['stiffness'] = share * pendulum.restoring_stiffness(Orientation.HORIZONTAL)
-        return horizontal
-    return True
-
-
-def describe(values: Mapping[str, float], data: BlowData, i: int) -> tuple[Bench, Blow]:
-    """Bench and blow of the twin for blow ``i`` with these numbers."""
-    recording = data.recording
-
-    def of(key: str, default: float = math.nan) -> float:
-        return values.get(f'{key}@{i}', values.get(key, default))
-
-    sensor = Sensor(of('sensor.stiffness'), of('sensor.moving_mass'), of('sensor.damping_ratio'))
-    horizontal = of('orientation', 0.0) > 0.5
-    orientation = Orientation.HORIZONTAL if horizontal else Orientation.VERTICAL
-    if recording.kind == 'tap':
-        return Bench(sensor, damper=None, orientation=orientation), HammerTap(
-            of('tap_peak'), of('tap_duration')
-        )
-    damper = None
-    contact = BareContact()
-    if recording.damper and 'damper.parallel_stiffness' in values:
-        branches: list[MaxwellBranch] = []
-        while f'damper.branches.{len(branches)}.stiffness' in values:
-            n = len(branches)
-            branches.append(
-                MaxwellBranch(
-                    of(f'damper.branches.{n}.stiffness'), of(f'damper.branches.{n}.damping')
-                )
-            )
-        damper = DamperLayer(of('damper.parallel_stiffness'), tuple(branches))
-    else:
-        contact = BareContact(
-            stiffness=of('contact.stiffness'),
-            exponent=of('contact.exponent', 1.5),
-            restitution=of('contact.restitution'),
-            loss_of=LOSSES[round(of(LOSS_OF, 0.0))],
-        )
-    bench = Bench(sensor, damper=damper, contact=contact, orientation=orientation)
-    if recording.kind == 'pendulum' and 'pendulum.contact_distance' in values:
-        pendulum = Pendulum(
-            rod_mass=of('pendulum.rod_mass'),
-            rod_length=of('pendulum.rod_length'),
-            contact_distance=of('pendulum.contact_distance'),
-            moving_mass=of('pendulum.moving_mass'),
-            mass_distance=of('mass_distance'),
-        )
-        large = of(LARGE_ANGLES, 0.0) > 0.0
-        return bench, PendulumBlow(pendulum, math.radians(of('angle')), large_angles=large)
-    return bench, RobotBlow(of('impactor_mass'), of('speed'), push_force=0.0)

@@ -6,14 +6,9 @@ import dataclasses
 import math
 from collections.abc import Iterator
 
+from impactscope.discrepancy.impact.bench_numbers import ADDED_WEIGHT, WEIGHT
 from impactscope.discrepancy.impact.candidate import Candidate
-from impactscope.discrepancy.impact.model import (
-    ADDED_WEIGHT,
-    WEIGHT,
-    ActiveEffect,
-    Free,
-    ImpactModel,
-)
+from impactscope.discrepancy.impact.model import ActiveEffect, Free, ImpactModel
 
 __all__ = ['wrong_numbers']
 
