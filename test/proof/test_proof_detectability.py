@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from impactscope.errors import InputError
 from impactscope.proof.bench import BENCH, Pulse
 from impactscope.proof.conditions import draw_scenario
 from impactscope.proof.detectability import Freedom, samples
@@ -55,6 +56,26 @@ def drawn() -> list[Scenario]:
 
 def test_nothing_is_not_detectable(freedom):
     assert freedom.detectability(taps()) == 0
+
+
+def test_a_step_that_no_bench_follows_is_taken_shorter(monkeypatch):
+    freedom = Freedom(taps())
+    heavier = replace(
+        taps(), blows=tuple(replace(b, bench=BENCH._replace(mass=3.0)) for b in taps().blows)
+    )
+    wanted = freedom.detectability(heavier)
+    left = Freedom._left
+    steps = []
+
+    def refused_at_first(self, target, at):
+        steps.append(at)
+        if len(steps) == 2:
+            raise InputError('the motion could not be followed')
+        return left(self, target, at)
+
+    monkeypatch.setattr(Freedom, '_left', refused_at_first)
+    assert Freedom(taps()).detectability(heavier) == pytest.approx(wanted, rel=0.02, abs=0.05)
+    assert len(steps) > 3
 
 
 @pytest.mark.parametrize('name', ['mass', 'damping'])

@@ -19,6 +19,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.errors import InputError
+
 from .measurement import noise_free, whitened
 from .scenario import STRIKES, Blow, Scenario, impactor
 
@@ -200,8 +202,11 @@ class Freedom:
         size = norm(left)
         for count in range(_STEPS):
             ahead = change + slopes.step(left[:-1], change, damping)
-            rest = parts(ahead)
-            reached = norm(rest)
+            try:
+                rest = parts(ahead)
+                reached = norm(rest)
+            except InputError:  # too long a step: no bench moves like that
+                reached = math.inf
             promised = slopes.promised(left[:-1], ahead - change, ahead)
             true_to_word = abs(reached - promised) < _SETTLED * max(reached, 1.0)
             if reached < size:
