@@ -65,14 +65,23 @@ def with_likelier(baseline: Fit) -> Fit:
     own, and are taken if they leave little. Where much else is missing nobody can tell yet.
     """
     others = other_conventions(baseline)
-    near = [fit(model, baseline.layout, baseline.x) for model in others]
-    best = min((baseline, *near), key=lambda f: f.chi_square)
+    best = baseline
+    for model in others:
+        near = fit(model, baseline.layout, baseline.x)
+        # steep contacts that are not met at all are met no better by chance
+        told = near.reduced < _SOUND or _same_contact(model, baseline.model)
+        if told and near.chi_square < best.chi_square:
+            best = near
     if follows_all(best):
         return best
     for other in side_by_side(fit_baseline, others):
         if other.reduced < _SOUND:
             best = further(best, other)
     return best
+
+
+def _same_contact(model: ImpactModel, other: ImpactModel) -> bool:
+    return model.constants.get(LOSS_OF, 0.0) == other.constants.get(LOSS_OF, 0.0)
 
 
 def with_conventions_of(model: ImpactModel, other: ImpactModel | None) -> ImpactModel:

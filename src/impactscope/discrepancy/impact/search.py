@@ -525,7 +525,7 @@ def _by_convention(
     wrong shows in late bounces, and would be sought among the effects. See `_grown`.
     """
     best, until = _grown(current, reached, window)
-    if until == window and best.reduced < QUIET:
+    if (until == window and best.reduced < QUIET) or current.reduced > LOST:
         return best, until
     for model in other_conventions(best):
         meant = with_conventions_of(current.model, model)
