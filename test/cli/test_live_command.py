@@ -1,4 +1,5 @@
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -27,10 +28,13 @@ def test_interrupted_it_flushes_and_judges_what_there_was(tmp_path):
         out, err = process.communicate(timeout=60)
     assert 'Traceback' not in err
     assert process.returncode in {0, 5}, err
-    assert 'live.mcap: 1 blow' in out
+    told = re.search(r'live\.mcap: (\d) blow', out)
+    assert told is not None, out
+    blows = int(told[1])
+    assert 1 <= blows <= 3  # on a busy machine more of them come before the signal does
     assert 'PASS' in report.read_text(encoding='utf-8')
     with open_recording(target) as recording:
         assert recording.info.damage == ()
         counts = {topic.name: topic.count for topic in recording.info.topics}
-    assert counts['/bench/events'] == 1
+    assert counts['/bench/events'] == blows
     assert counts['/bench/verdict'] >= 2  # the blow, and the test point closed by the end
