@@ -1,5 +1,4 @@
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -28,13 +27,10 @@ def test_interrupted_it_flushes_and_judges_what_there_was(tmp_path):
         out, err = process.communicate(timeout=60)
     assert 'Traceback' not in err
     assert process.returncode in {0, 5}, err
-    told = re.search(r'live\.mcap: (\d) blow', out)
-    assert told is not None, out
-    blows = int(told[1])
-    assert 1 <= blows <= 3  # on a busy machine more of them come before the signal does
+    assert 'live.mcap: 1 blow' in out
     assert 'PASS' in report.read_text(encoding='utf-8')
     with open_recording(target) as recording:
         assert recording.info.damage == ()
         counts = {topic.name: topic.count for topic in recording.info.topics}
-    assert counts['/bench/events'] == blows
+    assert counts['/bench/events'] == 1
     assert counts['/bench/verdict'] >= 2  # the blow, and the test point closed by the end
