@@ -249,18 +249,9 @@ def in_place_of(leader: Fit, without: ImpactModel, candidate: Candidate) -> Fit 
         place = at_point(without, leader.layout, x)
         workbench = Workbench(place)
         tried = workbench.best(candidate)
-        starts = [workbench.best_refined([t]).x for t in tried[:_REFINED]]
+        starts = [workbench.refined(workbench.scaled(t)).x for t in tried[:_REFINED]]
         model = candidate.extend(without)
-        starts += [workbench.vector(model, s) for s in _of_same_unit(known, leader, candidate)]
-        best: tuple[float, Array] | None = None
-        for start in starts:
-            with contextlib.suppress(ImpactscopeError):
-                residuals = model.residuals(start, leader.layout)
-                cost = float(residuals @ residuals)
-                if math.isfinite(cost) and (best is None or cost < best[0]):
-                    best = cost, start
-        if best is not None:
-            return fit(model, leader.layout, best[1], settled=0.1)
+        return _from_best(model, leader.layout, [*starts, *_its_numbers(leader, model, candidate)])
     return None
 
 
@@ -270,21 +261,31 @@ def with_its_numbers(leader: Fit, without: ImpactModel, candidate: Candidate) ->
     One law may hold another as a special case, and where numbers are known to a thousandth, a fit
     from anywhere else ends in another minimum. None where there are none of its units.
     """
-    known = leader.values
     model = candidate.extend(without)
+    with contextlib.suppress(ImpactscopeError):
+        return _from_best(model, leader.layout, _its_numbers(leader, model, candidate))
+    return None
+
+
+def _from_best(model: ImpactModel, layout: Layout, starts: Sequence[Array]) -> Fit | None:
+    """The fit from the start that leaves least; None where none can be simulated."""
     best: tuple[float, Array] | None = None
-    for numbers in _of_same_unit(known, leader, candidate):
-        x = np.array([f.to_inner({**known, **numbers}.get(f.key, f.start)) for f in model.free])
+    for start in starts:
         with contextlib.suppress(ImpactscopeError):
-            residuals = model.residuals(x, leader.layout)
+            residuals = model.residuals(start, layout)
             cost = float(residuals @ residuals)
             if math.isfinite(cost) and (best is None or cost < best[0]):
-                best = cost, x
-    if best is None:
-        return None
-    with contextlib.suppress(ImpactscopeError):
-        return fit(model, leader.layout, best[1], settled=0.1)
-    return None
+                best = cost, start
+    return None if best is None else fit(model, layout, best[1], settled=0.1)
+
+
+def _its_numbers(leader: Fit, model: ImpactModel, candidate: Candidate) -> list[Array]:
+    """Starts of a candidate's model from those of a leader's numbers that have its units."""
+    known = leader.values
+    return [
+        np.array([f.to_inner(numbers.get(f.key, known.get(f.key, f.start))) for f in model.free])
+        for numbers in _of_same_unit(known, leader, candidate)
+    ]
 
 
 def _of_same_unit(

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 LEAST_SPEED = 1e-12
 """m/s; below this a sliding plate counts as not having turned."""
-SLOWEST = 5e-3
+SLOWEST = 1e-3
 """m/s; a contact that begins more slowly loses as if it began at this speed."""
 
 
