@@ -19,11 +19,26 @@ def response(order, cutoff, frequency):
     return 1.0 / np.polyval(signal.butter(order, 1.0, analog=True)[1], 1j * frequency / cutoff)
 
 
+def described(pairs, name):
+    """A chain of recordings, (raw, processed) each; the last is held out."""
+    entries, channels = [], {}
+    for i, pair in enumerate(pairs):
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == len(pairs) - 1 else 'fit'})
+        channels[file] = {
+            c: ChannelSamples(c, 'm/s^2', RATE, 0.0, values.astype(np.float32).astype(float))
+            for c, values in zip(CHANNELS, pair, strict=True)
+        }
+    bench = {'kind': 'chain', 'input': CHANNELS[0], 'output': CHANNELS[1]}
+    whole = {'version': 1, 'bench': bench, 'baseline': [], 'recordings': entries}
+    return parse_campaign(whole, name).with_samples(channels.__getitem__)
+
+
 def campaign(seed, order, cutoff):
     """Bursts of 20 to 300 Hz, filtered before they are sampled; the last is held out."""
     rng = np.random.default_rng(seed)
-    entries, channels = [], {}
-    for i in range(3):
+    pairs = []
+    for _ in range(3):
         long = 4 * SAMPLES
         frequency = np.fft.rfftfreq(long, 1.0 / RATE)
         spectrum = np.zeros(frequency.size, complex)
@@ -34,19 +49,8 @@ def campaign(seed, order, cutoff):
         after = np.fft.irfft(np.fft.rfft(raw) * response(order, cutoff, frequency), long)
         pair = np.stack([raw, after])[:, SAMPLES : 2 * SAMPLES] * 100.0 / np.max(np.abs(raw))
         pair[1] += NOISE * rng.standard_normal(SAMPLES)
-        name = f'r{i}.mcap'
-        entries.append({'file': name, 'role': 'hold_out' if i == 2 else 'fit'})
-        channels[name] = {
-            c: ChannelSamples(c, 'm/s^2', RATE, 0.0, values.astype(np.float32).astype(float))
-            for c, values in zip(CHANNELS, pair, strict=True)
-        }
-    described = {
-        'version': 1,
-        'bench': {'kind': 'chain', 'input': CHANNELS[0], 'output': CHANNELS[1]},
-        'baseline': [],
-        'recordings': entries,
-    }
-    return parse_campaign(described, 'filters').with_samples(channels.__getitem__)
+        pairs.append(pair)
+    return described(pairs, 'filters')
 
 
 @pytest.mark.parametrize(('order', 'cutoff'), [(1, 700.0), (4, 1500.0), (8, 9000.0)])
@@ -82,3 +86,47 @@ def test_a_filter_of_which_the_delay_is_left_is_in_a_class_with_a_clock():
     (first,) = answer.findings
     named = {first.name, *first.confused_with}
     assert named >= {'low_pass_filter', 'clock_error'}
+
+
+@pytest.mark.parametrize('before', [0, 500])  # a filter that begins with nothing, or ran before
+@pytest.mark.parametrize('order', [1, 4])
+def test_a_recording_that_begins_in_motion_holds_what_was_before(before, order):
+    term = next(
+        t
+        for t in channel_terms('c', 'N', RATE, 1.5, 0.1, 1.0, moving=2)
+        if t.label == f'low_pass_filter/causal-{order}'
+    )
+    assert term.own == 2 * order
+    wave = np.sin(2.0 * np.pi * 7.3 * np.arange(SAMPLES + before) / RATE + 1.0)
+    sections = signal.butter(order, 20.0, fs=RATE, output='sos')
+    out = signal.sosfilt(sections, wave)[before:]
+    values = {f'{term.label}.cutoff': 20.0}
+    parts = {term.name: term}
+    found = passed_on(wave[before:], parts, values, 1.0 / RATE, 0.0, measured=out)
+    assert np.allclose(found, out, atol=1e-9)
+    unknown = passed_on(wave[before:], parts, values, 1.0 / RATE, 0.0)
+    assert (np.max(np.abs(unknown - out)) < 1e-9) == (before == 0)
+
+
+def test_a_slow_filter_of_recordings_cut_from_a_longer_one():
+    answer = explain_driven(cut_out(3, 25.0))
+    assert answer.accepted == ('low_pass_filter',)
+    found = answer.findings[0].parameters
+    assert (found['order'].value, found['zero_phase'].value) == (2.0, 0.0)
+    cutoff = found['cutoff']
+    assert abs(cutoff.value - 25.0) < 4.0 * cutoff.std < 2.0
+
+
+def cut_out(seed, cutoff):
+    """Motion of 1 to 15 Hz that goes on, behind a filter; three pieces, the last held out."""
+    rng = np.random.default_rng(seed)
+    frequency = np.fft.rfftfreq(8 * SAMPLES, 1.0 / RATE)
+    spectrum = np.zeros(frequency.size, complex)
+    band = (frequency > 1.0) & (frequency < 15.0)
+    spectrum[band] = rng.standard_normal((2, np.count_nonzero(band))).T @ [1.0, 1.0j]
+    raw = np.fft.irfft(spectrum)
+    raw *= 100.0 / np.max(np.abs(raw))
+    after = signal.sosfilt(signal.butter(2, cutoff, fs=RATE, output='sos'), raw)
+    pieces = [slice((2 * i + 2) * SAMPLES, (2 * i + 3) * SAMPLES) for i in range(3)]
+    pairs = [(raw[p], after[p] + NOISE * rng.standard_normal(SAMPLES)) for p in pieces]
+    return described(pairs, 'cut out')

@@ -32,6 +32,7 @@ from impactscope.discrepancy.driven.chain_laws import channel_laws
 from impactscope.discrepancy.driven.channel_effects import channel_terms
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.measuring import (
+    begins_in_motion,
     between_samples,
     delayed,
     passed_on,
@@ -190,6 +191,7 @@ def linear_chain(cuts: Sequence[Cut]) -> tuple[ChainModel, list[Segment], Fit]:
         delays=(lag,) if lag != 0.0 else (),
         gain=same,
         recordings=len(segments),
+        moving=sum(begins_in_motion(s.drive[0]) for s in segments),
     )
     return ChainModel(numbers, tuple(terms)), segments, made
 

@@ -64,7 +64,7 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
         ('a zero that runs off', [t**2 for t in times]),
     ):
         if parts and not ((stepped or coloured) and name in STAIRS):
-            yield name, [column(parts)]
+            yield Group(name, [column(parts)])
     rates = [np.gradient(y) for y in outputs]
     sharp = [
         np.sign(r) * (np.abs(r) > max(SMALL * float(np.max(np.abs(r))), b))
@@ -77,14 +77,14 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
         ('a backlash', sharp),
     ):
         if not (coloured and name in STAIRS):
-            yield name, [column(parts)]
+            yield Group(name, [column(parts)])
     if len(chosen) > 1:
-        yield 'a gain that differs between recordings', alone(outputs)
-        yield 'an offset that differs between recordings', alone(ones)
-        yield 'a drift that differs between recordings', alone(times)
+        yield Group('a gain that differs between recordings', alone(outputs))
+        yield Group('an offset that differs between recordings', alone(ones))
+        yield Group('a drift that differs between recordings', alone(times))
     for mains in MAINS:
         if mains * chosen[0].period < 0.45:
-            yield (
+            yield Group(
                 f'a hum at {mains:g} Hz that swells',
                 [
                     column([wave(2.0 * math.pi * mains * t) * t**k for t in times])
@@ -92,7 +92,7 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
                     for k in (1, 2)
                 ],
             )
-            yield (
+            yield Group(
                 f'a hum at {mains:g} Hz that differs between recordings',
                 [
                     c
@@ -105,7 +105,7 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
     for late in ECHOES:
         echo = [np.concatenate([np.zeros(late), y[:-late]]) for y in outputs if y.size > late]
         if len(echo) == len(outputs):
-            yield 'an echo', [column(echo)]
+            yield Group('an echo', [column(echo)])
     longest = max(float(t[-1]) for t in times)
     for turn in np.geomspace(2.0 / longest, 0.4 / chosen[0].period, RESONANCES):
         b, a = signal.bilinear(
@@ -115,7 +115,7 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
         )
         ringing = [signal.lfilter(b, a, y) for y in outputs]
         rest = [np.gradient(y) for y in ringing]
-        yield f'a resonance or a notch near {turn:.3g} Hz', [column(ringing), column(rest)]
+        yield Group(f'a resonance or a notch near {turn:.3g} Hz', [column(ringing), column(rest)])
 
 
 def _by_sign(outputs: Sequence[Array]) -> list[Array]:

@@ -35,6 +35,7 @@ def channel_terms(
     delays: Sequence[float] = (),
     gain: bool = False,
     recordings: int = 1,
+    moving: int = 0,
     tag: str = '',
 ) -> list[Term]:
     """Effects of the chain behind a channel.
@@ -49,6 +50,7 @@ def channel_terms(
         delays: s, from which a clock's offset is looked for besides.
         gain: whether a wrong gain would show.
         recordings: their number, fitted and held out.
+        moving: those of them that begin in motion: a filter holds what was before.
         tag: tells the effects of several channels apart.
     """
     mark = f'@{tag}' if tag else ''
@@ -100,6 +102,7 @@ def channel_terms(
             ),
             Number('cutoff', 'Hz', cuts, 100.0, 0.1 / longest, 0.499 * rate),
             source='ISO 6487; SAE J211-1',
+            own=order * moving if kind == 'causal' else 0,
         )
         for order in ORDERS
         for kind, how in (('causal', 'forwards'), ('zero', 'forwards and backwards'))

@@ -46,6 +46,7 @@ def exact_terms(
     peak: float,
     recordings: int = 1,
     *,
+    moving: int = 0,
     kind: str = 'driven',
     drive: str = '',
     tag: str = '',
@@ -62,6 +63,7 @@ def exact_terms(
         noise: standard deviation of the output's noise.
         peak: largest sample of the output.
         recordings: their number.
+        moving: those that begin in motion, where a filter holds what was before.
         kind: ``driven``, ``free`` (no input) or ``axis`` (no spring).
         drive: the input channel's name.
         tag: tells the effects of several channels apart.
@@ -82,7 +84,9 @@ def exact_terms(
             joint=joint,
         )
     }
-    chain = channel_terms(*output, rate, longest, noise, peak, recordings=recordings, tag=tag)
+    chain = channel_terms(
+        *output, rate, longest, noise, peak, recordings=recordings, moving=moving, tag=tag
+    )
     rub = _ladder(load, 1e-5, 0.1, 7)
     found = [
         _with(known['coulomb_friction'], ['force'], force=rub),

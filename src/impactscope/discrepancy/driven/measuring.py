@@ -20,6 +20,7 @@ from impactscope.discrepancy.driven.terms import Term
 
 __all__ = [
     'before_sampling',
+    'begins_in_motion',
     'between_samples',
     'delayed',
     'fading',
@@ -106,13 +107,21 @@ def _spectrum_of_held(samples: Array, pad: int) -> tuple[NDArray[np.complex128],
     return np.fft.rfft(held), length
 
 
+def begins_in_motion(samples: Array) -> bool:
+    """Whether samples, shape (n,), are not quiet at their beginning."""
+    return float(np.std(_first(samples))) >= STILL * float(np.std(samples))
+
+
+def _first(samples: Array) -> Array:
+    return samples[: max(8, samples.size // QUIET)]
+
+
 def _before(samples: Array) -> float:
     """Level before the first sample: that of a quiet beginning, else a load that stays, else 0."""
-    first = samples[: max(8, samples.size // QUIET)]
-    spread, level = float(np.std(samples)), float(np.mean(samples))
-    if float(np.std(first)) < STILL * spread:
-        return float(np.mean(first))
-    return level if abs(level) > LOADED * spread else 0.0
+    if not begins_in_motion(samples):
+        return float(np.mean(_first(samples)))
+    level = float(np.mean(samples))
+    return level if abs(level) > LOADED * float(np.std(samples)) else 0.0
 
 
 @functools.lru_cache(maxsize=256)
@@ -216,6 +225,29 @@ def fading(corner: float, rate: float, count: int) -> Array:
     return np.asarray(np.concatenate([keep ** np.arange(most), np.zeros(count - most)]))
 
 
+def _ringing(term: Term, cutoff: float, rate: float, rest: Array) -> Array:
+    """What a low-pass still holds of the time before a recording, as the rest has it, (n,)."""
+    if before_sampling(term) or not 0.0 < cutoff < _highest(term) * rate:
+        return np.zeros(rest.size)
+    free = _free(filter_of(term)[0], cutoff, rate, rest.size)
+    return np.asarray(
+        (free @ rest[: free.shape[1]]) @ np.pad(free, ((0, 0), (0, rest.size - free.shape[1])))
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def _free(order: int, cutoff: float, rate: float, count: int) -> Array:
+    """What a low-pass gives without an input, orthonormal rows until it is forgotten."""
+    sections = _low_pass(order, cutoff, rate)
+    slowest = float(np.max(np.abs(signal.sos2zpk(sections)[1])))
+    most = min(count, 1 + int(-FORGOTTEN / math.log(slowest)))
+    used = (sections[:, [1, 2]] != 0.0) | (sections[:, [4, 5]] != 0.0)  # a section may be short
+    begins = np.eye(2 * len(sections))[used.ravel()].reshape(-1, len(sections), 2)
+    rows = np.stack([signal.sosfilt(sections, np.zeros(most), zi=zi)[0] for zi in begins])
+    _, size, free = np.linalg.svd(rows, full_matrices=False)
+    return np.ascontiguousarray(free[size > 1e-9 * size[0]])
+
+
 def passed_on(
     samples: Array,
     parts: Mapping[str, Term],
@@ -235,8 +267,8 @@ def passed_on(
         period: s between samples.
         begin: s after the recording's first sample.
         beyond: what no low-pass touches, added behind it.
-        measured: what came out, from which the phase of a hum and what a coupling holds from
-            before the recording are taken; zeros where it is not there.
+        measured: what came out, from which the phase of a hum and what a filter and a coupling
+            hold from before the recording are taken; zeros where it is not there.
     """
     rate = 1.0 / period
     y = samples
@@ -254,7 +286,8 @@ def passed_on(
     if 'zero_drift' in parts:
         y = y + values[f'{parts["zero_drift"].label}.rate'] * time
     if any(t.own for t in parts.values()):
-        y = y + _of_its_own(y, parts, values, np.asarray(begin + time), rate, measured)
+        moving = begins_in_motion(samples)
+        y = y + _of_its_own(y, parts, values, np.asarray(begin + time), rate, measured, moving)
     if 'saturation' in parts:
         limit = values[f'{parts["saturation"].label}.limit']
         y = np.clip(y, -limit, limit)
@@ -268,16 +301,20 @@ def _of_its_own(
     time: Array,
     rate: float,
     measured: Array | None,
+    moving: bool,
 ) -> Array:
-    """What a recording has of its own: a coupling's memory and the hum, shape (n,)."""
+    """What a recording has of its own: a filter's and a coupling's memory, and the hum, (n,)."""
     rest = np.zeros(y.size) if measured is None else measured - y
     if 'saturation' in parts and measured is not None:
         limit = values[f'{parts["saturation"].label}.limit']
         rest = np.where(np.abs(measured) < NEARLY * limit, rest, 0.0)
     total = np.zeros(y.size)
+    if 'low_pass_filter' in parts and parts['low_pass_filter'].own and moving:
+        term = parts['low_pass_filter']
+        total += _ringing(term, values[f'{term.label}.cutoff'], rate, rest)
     if 'ac_coupling' in parts and parts['ac_coupling'].own:
         term = parts['ac_coupling']
-        total += _running(values[f'{term.label}.corner'], rate, rest)
+        total += _running(values[f'{term.label}.corner'], rate, rest - total)
     if 'mains_hum' in parts:
         total += _hum(parts['mains_hum'], values, time, rest - total)
     return total

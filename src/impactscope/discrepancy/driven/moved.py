@@ -25,7 +25,7 @@ from impactscope.discrepancy.driven.compiled import compiled
 from impactscope.discrepancy.driven.course import Course, course_of, passed_by_spline
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.ladders import exact_terms
-from impactscope.discrepancy.driven.measuring import passed_on, power_passed
+from impactscope.discrepancy.driven.measuring import begins_in_motion, passed_on, power_passed
 from impactscope.discrepancy.driven.mechanics import Sizes, enter
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.moved_laws import moved_laws
@@ -358,6 +358,7 @@ def _terms(
         noise,
         force,
         len(segments),
+        moving=sum(begins_in_motion(s.measured) for s in segments),
         joint=unit == 'rad',
     )
     found = []

@@ -14,7 +14,7 @@ from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.noise_judge import each_alone, innovations, joined
 from impactscope.discrepancy.driven.plate_laws import STATE
-from impactscope.discrepancy.driven.strangers import Group
+from impactscope.discrepancy.driven.strangers import LOOKS, Group
 
 __all__ = ['moved_laws']
 
@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 MEMORIES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of the motion's own rate
 FASTEST = 60.0  # Hz, up to which a stiffness is taken to swing
+SWINGS = 4  # ways to swing at each frequency: of what, and in each recording alone or not
 BEST = 3  # frequencies that are looked at closely
 
 
@@ -41,7 +42,7 @@ def moved_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
     column, alone = partial(joined, chosen), partial(each_alone, chosen)
 
     for name, law in STATE:
-        yield name, [column([law(x, v) for x, v in zip(xs, vs, strict=True)])]
+        yield Group(name, [column([law(x, v) for x, v in zip(xs, vs, strict=True)])])
     for name, parts in (
         ('damping with the square of the speed one way', [np.maximum(v, 0.0) ** 2 for v in vs]),
         ('damping with the square of the speed one way', [np.minimum(v, 0.0) ** 2 for v in vs]),
@@ -52,21 +53,24 @@ def moved_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
         ('a stiffness that changes in time', [x * t for x, t in zip(xs, times, strict=True)]),
         ('a damping that changes in time', [v * t for v, t in zip(vs, times, strict=True)]),
     ):
-        yield name, [column(parts)]
+        yield Group(name, [column(parts)])
     if len(chosen) > 1:
-        yield 'a stiffness that differs between recordings', alone(xs)
-        yield 'a damping that differs between recordings', alone(vs)
-        yield 'a friction that differs between recordings', alone([np.sign(v) for v in vs])
+        yield Group('a stiffness that differs between recordings', alone(xs))
+        yield Group('a damping that differs between recordings', alone(vs))
+        yield Group('a friction that differs between recordings', alone([np.sign(v) for v in vs]))
         ones = [np.ones(x.size) for x in xs]
-        yield 'an offset that differs between recordings', alone(ones)
+        yield Group('an offset that differs between recordings', alone(ones))
     rate = speed / position
     for ratio in MEMORIES:
         late = []
         for s, v in zip(chosen, vs, strict=True):
             keep = math.exp(-s.period * rate * ratio)
             late.append(signal.lfilter([1.0 - keep], [1.0, -keep], v))
-        yield 'a force that relaxes', [column(late)]
+        yield Group('a force that relaxes', [column(late)])
     residuals = [innovations(segments[i], made.residuals[i]) for i in fitted]
+    longest = chosen[0].period * max(r.size for r in residuals)
+    highest = min(FASTEST, 0.5 / chosen[0].period)
+    looks = max(LOOKS, round(SWINGS * highest * longest))
     for what, shapes in (('stiffness', xs), ('damping', vs)):
         for frequency in _swings(residuals, shapes, chosen[0].period):
             waves = [
@@ -77,9 +81,9 @@ def moved_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
                 for wave in (np.sin, np.cos)
             ]
             name = f'a {what} that swings at {frequency:.3g} Hz'
-            yield name, [column(w) for w in waves]
+            yield Group(name, [column(w) for w in waves], looks)
             if len(chosen) > 1:
-                yield name, [c for w in waves for c in alone(w)]
+                yield Group(name, [c for w in waves for c in alone(w)], looks)
 
 
 def _swings(residuals: Sequence[Array], shapes: Sequence[Array], period: float) -> list[float]:

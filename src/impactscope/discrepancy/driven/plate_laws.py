@@ -98,26 +98,26 @@ def plate_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
     """Laws beyond the vocabulary, each with the whitened answers that span it, beside a fit."""
     p = _Plate(model, made, segments)
     for name, law in STATE:
-        yield name, [p.of_motion(law)]
+        yield Group(name, [p.of_motion(law)])
     times: list[Array] = [p.period * np.arange(x.size, dtype=np.float64) for x, _ in p.motions]
     xs, vs = [x for x, _ in p.motions], [v for _, v in p.motions]
     each = list(p.alone(xs, force=True))
-    yield 'a stiffness that differs between recordings', each
-    yield 'a damping that differs between recordings', list(p.alone(vs, force=True))
-    yield (
+    yield Group('a stiffness that differs between recordings', each)
+    yield Group('a damping that differs between recordings', list(p.alone(vs, force=True)))
+    yield Group(
         'an offset that differs between recordings',
         list(p.alone([np.ones(x.size) for x in xs], force=False)),
     )
-    yield (
+    yield Group(
         'a stiffness that changes in time',
         [p.answer([x * t for x, t in zip(xs, times, strict=True)])],
     )
-    yield (
+    yield Group(
         'a damping that changes in time',
         [p.answer([v * t for v, t in zip(vs, times, strict=True)])],
     )
-    yield 'a reading that is not straight', [p.output([y * y for y in p.outputs])]
-    yield 'a reading that is not straight', [p.output([y**3 for y in p.outputs])]
+    yield Group('a reading that is not straight', [p.output([y * y for y in p.outputs])])
+    yield Group('a reading that is not straight', [p.output([y**3 for y in p.outputs])])
     yield from _swinging(p, xs, times)
     yield from _memory(p, xs, vs)
     yield from _modes(p)
@@ -128,7 +128,7 @@ def _swinging(p: _Plate, xs: Sequence[Array], times: Sequence[Array]) -> Iterato
     step = max(0.7 / p.longest, top / 60.0)
     for frequency in np.arange(0.5 * step, top, step):
         turn = 2.0 * math.pi * frequency
-        yield (
+        yield Group(
             f'a stiffness that swings at {frequency:.3g} Hz',
             [
                 p.answer([x * wave(turn * t) for x, t in zip(xs, times, strict=True)])
@@ -141,14 +141,14 @@ def _memory(p: _Plate, xs: Sequence[Array], vs: Sequence[Array]) -> Iterator[Gro
     for ratio in (0.03, 0.1, 0.3, 1.0, 3.0, 10.0):
         keep = math.exp(-p.period * p.natural * ratio)
         forces = [signal.lfilter([1.0 - keep], [1.0, -keep], v) for v in vs]
-        yield 'a force that relaxes', [p.answer(forces)]
+        yield Group('a force that relaxes', [p.answer(forces)])
     length = 1 << (2 * max(x.size for x in xs) - 1).bit_length()
     turn = 2j * math.pi * np.fft.rfftfreq(length, p.period) / p.natural
     turn[0] = NEAR
     for order in (0.25, 0.5, 0.75, 1.5):
         spectra = [np.fft.rfft(x, length) * turn**order for x in xs]
         forces = [np.fft.irfft(s, length)[: x.size] for s, x in zip(spectra, xs, strict=True)]
-        yield 'damping of fractional order', [p.answer(forces)]
+        yield Group('damping of fractional order', [p.answer(forces)])
 
 
 def _modes(p: _Plate) -> Iterator[Group]:
@@ -163,7 +163,7 @@ def _modes(p: _Plate) -> Iterator[Group]:
         above, below = signal.ss2tf(*system[:4])
         pulled = [signal.lfilter(above[0], below, y) for y in p.outputs]
         rest = [np.gradient(y, p.period) for y in pulled]
-        yield (
+        yield Group(
             f'a further mode at {omega / (2.0 * math.pi):.3g} Hz',
             [p.answer(pulled), p.answer(rest)],
         )

@@ -8,9 +8,11 @@ these laws is ever named as the finding; the strongest one describes what is lef
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,7 @@ from impactscope.discrepancy.driven.spectral import Stepped
 from impactscope.discrepancy.driven.tangent import Tangent, tangent
 
 __all__ = [
+    'LOOKS',
     'Group',
     'Laws',
     'Stranger',
@@ -35,9 +38,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-Group = tuple[str, list[Array]]  # a law and the whitened changes that span it, each shape (n,)
-Laws = Callable[[Model, Fit, Sequence[Segment]], Iterator[Group]]
-
 LOOKS = 600  # independent laws, about
 FALSE = 0.002  # chance that something is called left where nothing is
 BESIDE = (
@@ -45,6 +45,17 @@ BESIDE = (
 )
 LONE, TOLD = 6, 4.0  # samples that may stand out, and the chi-square that each of them may tell
 MARGIN = 10.0  # chi-square by which a law beyond the vocabulary must be the better explanation
+
+
+class Group(NamedTuple):
+    """A law and the whitened changes that span it, each shape (n,)."""
+
+    law: str
+    columns: list[Array]
+    looks: int = LOOKS  # independent laws of which it is the best; more than LOOKS where sought
+
+
+Laws = Callable[[Model, Fit, Sequence[Segment]], Iterator[Group]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,17 +67,18 @@ class Stranger:
     numbers: int
     column: Array | None = None  # whitened change on the fitted recordings, shape (n,)
     plain: float | None = None  # the same chi-square without regard to what is left about it
+    looks: int = LOOKS
 
     @property
     def p_value(self) -> float:
         """Chance that the best of all laws gains this much where nothing is left."""
         single = float(stats.chi2.sf(self.gain, self.numbers))
-        return float(-math.expm1(LOOKS * math.log1p(-min(single, 1.0 - 1e-12))))
+        return float(-math.expm1(self.looks * math.log1p(-min(single, 1.0 - 1e-12))))
 
     @property
     def worth(self) -> float:
-        """Gain of one number that would be as unlikely."""
-        return equivalent_gain(self.gain, self.numbers)
+        """Gain of one number that would be as unlikely, the longer search paid for."""
+        return equivalent_gain(self.gain, self.numbers) - 2.0 * math.log(self.looks / LOOKS)
 
 
 def equivalent_gain(gain: float, numbers: int) -> float:
@@ -114,7 +126,7 @@ def strangers(
     here = tangent(model, made, segments)
     sizes = [s.measured.size for s in segments if not s.held_out]
     found: list[Stranger] = []
-    for law, columns in laws(model, made, segments):
+    for law, columns, looks in laws(model, made, segments):
         stack = np.stack(columns)
         size = np.linalg.norm(stack, axis=1)
         if not np.all(np.isfinite(size)) or not np.all(size > 0.0):
@@ -122,10 +134,11 @@ def strangers(
         gain, rank, column = _gain(here, stack / size[:, None])
         if rank > 0:
             plain = gain
-            if Stranger(law, gain, rank).p_value < FALSE:
+            if Stranger(law, gain, rank, looks=looks).p_value < FALSE:
                 gain = min(_worth(here.residual, column, sizes), _of_many(here.residual, column))
-            best = all(equivalent_gain(gain, rank) > f.worth for f in found)
-            found.append(Stranger(law, gain, rank, column if best else None, plain))
+            new = Stranger(law, gain, rank, None, plain, looks)
+            best = all(new.worth > f.worth for f in found)
+            found.append(dataclasses.replace(new, column=column) if best else new)
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     whitened = [innovations(segments[i], made.residuals[i]) for i in fitted]
     # an axis at rest hunts between two readings of a coarse encoder: a line of its own rounding
