@@ -9,21 +9,27 @@ others.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.decide import Judge
-from impactscope.discrepancy.driven.fitting import Fit, fit, numbers_of
-from impactscope.discrepancy.driven.ladders import FRICTION
-from impactscope.discrepancy.driven.looks import HOPE, Prospect, looks, prospects, wandered
+from impactscope.discrepancy.driven.exact_fits import Fits, labels_of
+from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.looks import HOPE, Prospect, prospects, wandered
 from impactscope.discrepancy.driven.measuring import before_sampling, filter_of
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge, innovations
 from impactscope.discrepancy.driven.search import Outcome, prune
-from impactscope.discrepancy.driven.tangent import tangent
-from impactscope.discrepancy.driven.terms import Term, key
+from impactscope.discrepancy.driven.stand_ins import (
+    friction_of_baseline,
+    other_asymmetry,
+    other_friction,
+    other_levels,
+    plain_friction,
+)
+from impactscope.discrepancy.driven.terms import key
 
 __all__ = ['exact_search']
 
@@ -33,21 +39,11 @@ Tell = Callable[[float], None]
 FITTED = 9  # candidates that are fitted at the first step; half as many later
 CLOSE = 60.0  # chi-square within which a second model is kept beside the best
 DEPTH = 3
-TOLERANCE = 1e-6  # of chi-square, at which a trial fit ends
-BRIEF, EVALUATIONS = 5, 15  # at first, and then where it is worth it
-# of an axis, over its value: by which moments of breaking away between samples move a number
-LEAST_STD = 1e-5
-ROUGH_STD = 0.03  # by which numbers with rough slopes differ from one start to another
-LONG = 40  # where everything depends on it
-LOST = 1000.0  # chi-square by which a fit is behind the best
 NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the best
 FAR = 10.0  # times the samples: chi-square from which a search goes on from what was found
-POLISHED = 'polished'
 DELAYS = ('clock_error', 'low_pass_filter')
 EDGE = 64  # samples at either end
-RELATIVES = ('stribeck_friction', 'asymmetric_friction')
 FORM = 0.01  # of what a delay gains, that its form leaves open
-FIRST_ORDER = 2  # of the low-pass that is looked for before its other orders are
 LATE = {
     1: 1.0,
     2: 1.414,
@@ -58,143 +54,6 @@ LATE = {
     7: 4.494,
     8: 5.126,
 }  # delay times corner, 1/(2 pi)
-
-
-class _Fits:
-    """Joint fits, each made once."""
-
-    def __init__(self, model: Model, segments: Sequence[Segment], baseline: Fit) -> None:
-        self.model, self.segments, self.baseline = model, segments, baseline
-        self.known: dict[frozenset[str], Fit] = {_labels(baseline.terms): baseline}
-        self.look_around(baseline)
-
-    def look_around(self, place: Fit) -> None:
-        """Look at every candidate beside a fit, near which the search will be."""
-        self.place, self.here = place, tangent(self.model, place, self.segments)
-        # a low-pass shows little of an axis' motion: of what order it is matters
-        first = [
-            t
-            for t in self.model.terms
-            if t.name != 'low_pass_filter' or self.model.drifts or filter_of(t)[0] == FIRST_ORDER
-        ]
-        self.looks = looks(self.model, place, first, self.segments)
-        # what is tuned in every fit; its derivatives change little from one to the next
-        self.tuned: Array | None = None
-        if not self.model.drifts:  # where errors add up they change
-            count = len(numbers_of(self.model, self.baseline.terms))
-            self.tuned = -self.here.slopes[:, :count]
-
-    def make(
-        self,
-        base: Fit,
-        terms: tuple[Term, ...],
-        initial: Mapping[str, float],
-        other: Mapping[str, float] | None = None,
-    ) -> Fit:
-        """The fit with these terms, the better one where there are two starts."""
-        names = _labels(terms)
-        if names not in self.known:
-            tries = [self._fit(base, terms, initial)]
-            # with one number alone, or one way to be large, both starts end in the same place
-            if other is not None and len(terms[-1].numbers) > 1:
-                tries.append(self._fit(base, terms, other))
-            self.known[names] = min(tries, key=self._misfit)
-        return self.known[names]
-
-    def _fit(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
-        scaled = tuple(_measured_by(t, initial) for t in terms)
-        whole = _labels(self.baseline.terms) <= _labels(terms)
-        values, starts = {**base.values, **initial}, base.starts
-        for evaluations in (BRIEF, EVALUATIONS):
-            made = fit(
-                self.model,
-                scaled,
-                self.segments,
-                values,
-                starts,
-                evaluations,
-                TOLERANCE,
-                self.tuned if whole else None,
-            )
-            if made.evaluations < evaluations or self._behind(made):
-                break
-            values, starts = dict(made.values), made.starts
-        return made
-
-    def _to_the_end(self, made: Fit) -> Fit:
-        return fit(
-            self.model, made.terms, self.segments, made.values, made.starts, LONG, TOLERANCE
-        )
-
-    def _behind(self, made: Fit) -> bool:
-        """Whether a fit is so far from the best that its last digits do not matter."""
-        best = min(self._misfit(f) for f in self.known.values())
-        excess = self._misfit(made) - best
-        return excess > max(LOST, 0.5 * (self._misfit(self.place) - best))
-
-    def without(self, base: Fit, terms: tuple[Term, ...]) -> Fit:
-        """The fit with fewer terms, from where the larger one has ended, too."""
-        names = _labels(terms)
-        if names == _labels(self.baseline.terms):
-            return self.baseline
-        again = self._fit(base, terms, {})
-        if self.model.drifts:  # a companion that only helped the fit on its way must not stay
-            again = self._to_the_end(again)
-        known = self.known.get(names)
-        if known is None or self._misfit(again) < self._misfit(known):
-            self.known[names] = again
-        return self.known[names]
-
-    def take(self, made: Fit) -> Fit:
-        """A fit that was made elsewhere, converged here."""
-        names = _labels(made.terms)
-        if names not in self.known:
-            self.known[names] = fit(
-                self.model, made.terms, self.segments, made.values, made.starts, 3 * EVALUATIONS
-            )
-        return self.known[names]
-
-    def _misfit(self, made: Fit) -> float:
-        """Chi-square on the fitted recordings."""
-        pairs = zip(self.segments, made.residuals, strict=True)
-        return float(sum(np.sum(innovations(s, r) ** 2) for s, r in pairs if not s.held_out))
-
-    def polish(self, made: Fit) -> Fit:
-        """A fit once more, with every derivative taken anew."""
-        if made.label != POLISHED and made is not self.baseline:
-            names = _labels(made.terms)
-            better = fit(
-                self.model,
-                made.terms,
-                self.segments,
-                made.values,
-                made.starts,
-                EVALUATIONS,
-                TOLERANCE,
-            )
-            rough = {key(t, n) for t in made.terms if t.rough for n in t.numbers}
-            least = LEAST_STD if self.model.drifts else 0.0
-            std = {
-                k: max(v, (ROUGH_STD if k in rough else least) * abs(better.values[k]))
-                for k, v in better.std.items()
-            }
-            self.known[names] = dataclasses.replace(better, label=POLISHED, std=std)
-        return self.known[_labels(made.terms)]
-
-
-def _measured_by(term: Term, initial: Mapping[str, float]) -> Term:
-    """A term whose amounts are measured by the values that they start from."""
-    numbers = []
-    for n in term.numbers:
-        size = abs(initial.get(key(term, n), 0.0))
-        numbers.append(
-            dataclasses.replace(n, scale=size) if n.name in term.amounts and size > 0.0 else n
-        )
-    return dataclasses.replace(term, numbers=tuple(numbers))
-
-
-def _labels(terms: Sequence[Term]) -> frozenset[str]:
-    return frozenset(t.label for t in terms)
 
 
 def exact_search(
@@ -211,7 +70,7 @@ def exact_search(
     """
     tell = progress or (lambda _share: None)
     judge.reference = baseline
-    fits = _Fits(model, segments, baseline)
+    fits = Fits(model, segments, baseline)
     beam = [baseline]
     if seed is not None and seed.terms:
         start = fits.take(seed)
@@ -234,11 +93,12 @@ def exact_search(
         beam = close[:2]
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
     best = _pruned(fits, best, judge)
-    best = _pruned(fits, _plain_friction(fits, best, judge), judge)
-    best = _pruned(fits, _other_friction(fits, best, judge), judge)
-    best = _other_asymmetry(fits, best, judge)
+    best = _pruned(fits, plain_friction(fits, best, judge), judge)
+    best = _pruned(fits, other_friction(fits, best, judge), judge)
+    best = other_asymmetry(fits, best, judge)
+    best = _pruned(fits, other_levels(fits, best, judge), judge)
     best = _against_rivals(fits, best, judge)
-    best = _pruned(fits, _friction_of_baseline(fits, best, judge), judge)
+    best = _pruned(fits, friction_of_baseline(fits, best, judge), judge)
     level = judge.criterion(best, baseline) + NEAR
     for made in [f for f in fits.known.values() if judge.criterion(f, baseline) < level]:
         fits.polish(made)
@@ -250,7 +110,7 @@ def exact_search(
     return Outcome(baseline, best, rivals, best is not baseline)
 
 
-def _grow(fits: _Fits, base: Fit, most: int) -> list[Fit]:
+def _grow(fits: Fits, base: Fit, most: int) -> list[Fit]:
     """Fits with one term more; the friction family starts from its simplest member."""
     candidates = [look for look in fits.looks if all(look.term.stands_with(o) for o in base.terms)]
     here = fits.here if base is fits.place else None
@@ -277,7 +137,7 @@ def _grow(fits: _Fits, base: Fit, most: int) -> list[Fit]:
     return made
 
 
-def _other_orders(fits: _Fits, base: Fit, first: Prospect) -> list[Fit]:
+def _other_orders(fits: Fits, base: Fit, first: Prospect) -> list[Fit]:
     """The same low-pass with other orders, from the cut-off with the same delay."""
     made = []
     order, both = filter_of(first.term)
@@ -302,102 +162,17 @@ def _distinct(made: Sequence[Fit]) -> list[Fit]:
     return list(found.values())
 
 
-def _best_parent(fits: _Fits, child: Fit, judge: Judge) -> Fit:
-    names = _labels(child.terms)
+def _best_parent(fits: Fits, child: Fit, judge: Judge) -> Fit:
+    names = labels_of(child.terms)
     parents = [f for n, f in fits.known.items() if n < names and len(n) == len(names) - 1]
     return min(parents, key=lambda f: judge.criterion(f, fits.baseline), default=fits.baseline)
 
 
-def _pruned(fits: _Fits, best: Fit, judge: Judge) -> Fit:
+def _pruned(fits: Fits, best: Fit, judge: Judge) -> Fit:
     return prune(best, fits.baseline, judge, fits.without)
 
 
-def _plain_friction(fits: _Fits, best: Fit, judge: Judge) -> Fit:
-    """A friction of several numbers against the one of the same force both ways.
-
-    A search that goes on from a seed may never have tried it.
-    """
-    plain = next((t for t in fits.model.terms if t.label == 'coulomb_friction'), None)
-    old = next((t for t in best.terms if t.name in FRICTION and len(t.numbers) > 1), None)
-    if plain is None or old is None:
-        return best
-    sides = ('force_forward', 'force_backward', 'kinetic_force')
-    forces = [best.values[key(old, n)] for n in old.numbers if n.name in sides]
-    if not forces:
-        return best
-    rest = tuple(t for t in best.terms if t is not old)
-    initial = {key(plain, plain.numbers[0]): sum(forces) / len(forces)}
-    made = fits.make(best, (*rest, plain), initial)
-    return best if judge.better(made, best) else made
-
-
-def _other_friction(fits: _Fits, best: Fit, judge: Judge) -> Fit:
-    """A friction that differs by direction against one with a peak at rest and an offset.
-
-    The first of these is what the second looks like as long as one effect at a time is added.
-    """
-    old = next((t for t in best.terms if t.name == 'asymmetric_friction'), None)
-    offset = next((t for t in fits.model.terms if t.name == 'offset'), None)
-    if old is None or offset is None:
-        return best
-    forces = [best.values[key(old, n)] for n in old.numbers if n.name.startswith('force')]
-    mean = sum(forces) / len(forces)
-    rest = tuple(t for t in best.terms if t is not old)
-    for term in fits.model.terms:
-        if term.name != 'stribeck_friction' or not all(term.stands_with(t) for t in rest):
-            continue
-        terms = (*rest, offset, term)
-        sizes = {'kinetic_force': 0.8 * mean, 'excess_force': 0.4 * mean}
-        initial = {key(term, n): sizes.get(n.name, n.starts[0]) for n in term.numbers}
-        initial[key(offset, offset.numbers[0])] = 0.5 * (forces[0] - forces[-1])
-        speed = next(n for n in term.numbers if n.name == 'speed')
-        later = {**initial, key(term, speed): speed.starts[len(speed.starts) // 2]}
-        fits.make(best, terms, initial, later)
-    return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))
-
-
-def _friction_of_baseline(fits: _Fits, best: Fit, judge: Judge) -> Fit:
-    """A plain friction that the baseline has against its relatives, which stand in its place.
-
-    They cannot be found beside it.
-    """
-    old = next((t for t in fits.baseline.terms if t.name == 'coulomb_friction'), None)
-    if old is None:
-        return best
-    known = {n.name: fits.baseline.values[key(old, n)] for n in old.numbers}
-    size = known.pop('force')
-    known |= {'force_forward': size, 'force_backward': size}
-    known |= {'kinetic_force': 0.9 * size, 'excess_force': 0.2 * size}
-    for base in (fits.baseline, best):
-        rest = tuple(t for t in base.terms if t is not old)
-        for term in fits.model.terms:
-            if term.name not in RELATIVES or not all(term.stands_with(t) for t in rest):
-                continue
-            first = {key(term, n): known.get(n.name, n.starts[0]) for n in term.numbers}
-            last = {key(term, n): known.get(n.name, n.starts[-1]) for n in term.numbers}
-            fits.make(base, (*rest, term), first, last)
-    return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))
-
-
-def _other_asymmetry(fits: _Fits, best: Fit, judge: Judge) -> Fit:
-    """A friction that differs by direction against an even one and a load that stays."""
-    old = next((t for t in best.terms if t.name == 'asymmetric_friction'), None)
-    even = next((t for t in fits.model.terms if t.label == 'coulomb_friction'), None)
-    if old is None or even is None:
-        return best
-    forces = [best.values[key(old, n)] for n in old.numbers if n.name.startswith('force')]
-    mean, load = sum(forces) / len(forces), 0.5 * (forces[-1] - forces[0])
-    rest = tuple(t for t in best.terms if t is not old)
-    stiffness = best.values.get('stiffness', 1.0)
-    for offset in fits.model.terms:
-        if offset.name == 'offset' and all(offset.stands_with(t) for t in (*rest, even)):
-            size = load / stiffness if offset.output else load
-            initial = {key(even, even.numbers[0]): mean, key(offset, offset.numbers[0]): size}
-            fits.make(best, (*rest, even, offset), initial)
-    return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))
-
-
-def _one_delay(fits: _Fits, best: Fit, judge: NoiseJudge) -> Fit:
+def _one_delay(fits: Fits, best: Fit, judge: NoiseJudge) -> Fit:
     """A clock and a filter of which one does nearly all are one delay of a form not quite known.
 
     Together each can be large and undo the other; what they gain beyond one alone is then no
@@ -437,9 +212,9 @@ def _inside(one: Fit, other: Fit, segments: Sequence[Segment]) -> float:
     return gain
 
 
-def _against_rivals(fits: _Fits, best: Fit, judge: Judge) -> Fit:
+def _against_rivals(fits: Fits, best: Fit, judge: Judge) -> Fit:
     """Each of several terms against what could stand in its place beside the others."""
-    given = _labels(fits.baseline.terms)
+    given = labels_of(fits.baseline.terms)
     new = [t for t in best.terms if t.label not in given]
     if len(new) > 1:
         for term in new:

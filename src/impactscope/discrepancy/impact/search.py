@@ -30,6 +30,7 @@ from impactscope.discrepancy.impact.follow import (
     followed,
     with_repeatability,
 )
+from impactscope.discrepancy.impact.fuller_forms import fuller
 from impactscope.discrepancy.impact.held_out import check_held_out
 from impactscope.discrepancy.impact.joint_fits import LOST, JointFits
 from impactscope.discrepancy.impact.late_channels import with_late_channel
@@ -144,6 +145,7 @@ class Search:
             outcome.window = self.fits.window = window
             if current.reduced > QUIET and outcome.accepted:
                 current = self._reconsider(current, outcome, sound)
+            current = fuller(current, outcome, self.thresholds.false_finding)
             if last or current.reduced > QUIET or window in _LOOKED:
                 current = self._forward(current, outcome, sound, last=last)
             if current.reduced > LOST and not last:
@@ -391,7 +393,7 @@ class Search:
             outcome.found[best.candidate.label] = best
             outcome.rivals[best.candidate.label] = [f for f in found if f is not best]
             outcome.p_value = min(outcome.p_value, best.p_value)
-            current = best.fit
+            current = fuller(best.fit, outcome, self.thresholds.false_finding)
             if current.reduced < QUIET and not last:
                 break
         return current

@@ -1,0 +1,84 @@
+"""A finding in a fuller form, once a window is long enough to tell more of it.
+
+A robot that pushes on is a force that rises and stays, as long as nobody has seen it end.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+
+from impactscope.discrepancy.evidence import family_p_value
+from impactscope.discrepancy.impact.candidate import Candidate
+from impactscope.discrepancy.impact.fit import Fit, fit
+from impactscope.discrepancy.impact.model import Free
+from impactscope.discrepancy.impact.outcome import Outcome, evidence_for
+from impactscope.errors import ImpactscopeError
+from impactscope.physics.mechanisms.registry import mechanism
+
+__all__ = ['fuller']
+
+_MORE = {'external_push': ('hold', 'fall')}  # parameters that are left alone at first
+_STARTS = {'hold': (0.03, 0.1, 0.3), 'fall': (0.03, 0.15)}  # s
+_LONGEST = 10.0  # s
+_ITERATIONS = 12
+
+
+def fuller(current: Fit, outcome: Outcome, false_finding: float) -> Fit:
+    """The fit with each finding in its fuller form, where that explains more than chance does.
+
+    What was found is changed in ``outcome``.
+    """
+    for plain in list(outcome.accepted):
+        form = _form(plain)
+        if form is None:
+            continue
+        more = [f for f in form.free if f not in plain.free]
+        model = current.model.extended(free=more)
+        best: Fit | None = None
+        choices = [_STARTS[f.key.rpartition('.')[2]] for f in more]
+        for start in itertools.product(*choices):
+            values = {**current.values, **dict(zip((f.key for f in more), start, strict=True))}
+            x = np.array([f.to_inner(values.get(f.key, f.start)) for f in model.free])
+            try:
+                made = fit(model, current.layout, x, iterations=_ITERATIONS)
+            except ImpactscopeError:
+                continue
+            if best is None or made.chi_square < best.chi_square:
+                best = made
+        if best is None:
+            continue
+        gain = evidence_for(best, current)
+        if family_p_value(max(gain, 0.0), len(more), len(_MORE)) > false_finding:
+            continue
+        outcome.accepted[outcome.accepted.index(plain)] = form
+        known = outcome.found.pop(plain.label)
+        outcome.found[form.label] = dataclasses.replace(known, candidate=form, fit=best)
+        outcome.rivals[form.label] = outcome.rivals.pop(plain.label, [])
+        outcome.last = []
+        outcome.tests = None
+        current = best
+    return current
+
+
+def _form(plain: Candidate) -> Candidate | None:
+    """The fuller form of a candidate that has one."""
+    names = _MORE.get(plain.name, ())
+    if not names:
+        return None
+    tag = plain.effects[0].tag
+    free = []
+    for p in mechanism(plain.name).parameters:
+        if p.name in names:
+            middle = _STARTS[p.name][1]
+            logarithmic = p.lower > 0.0
+            scale = 0.05 if logarithmic else 0.1 * middle
+            free.append(Free(f'{tag}.{p.name}', middle, scale, p.lower, _LONGEST, logarithmic))
+    if any(f.key in {g.key for g in plain.free} for f in free):
+        return None
+    constants = {k: v for k, v in plain.constants.items() if k not in {f.key for f in free}}
+    return dataclasses.replace(
+        plain, label=f'{plain.label} (that ends)', free=(*plain.free, *free), constants=constants
+    )
