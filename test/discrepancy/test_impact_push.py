@@ -1,0 +1,29 @@
+"""A push that goes on after the impact, with an end within the recordings and without one."""
+
+import math
+
+import pytest
+
+from impactscope.discrepancy.explain import explain
+from impactscope.physics.twin.assembly import Effect
+
+PUSH = {'force': 5.0, 'start': 0.01, 'rise': 0.03}
+
+
+@pytest.mark.slow
+def test_a_push_that_ends_is_told_with_its_end(make_campaign):
+    made = make_campaign(71, [Effect('external_push', {**PUSH, 'hold': 0.08, 'fall': 0.04})])
+    answer = explain(made)
+    assert answer.accepted == ('external_push',)
+    found = answer.findings[0].parameters
+    for name, true in (*PUSH.items(), ('hold', 0.08), ('fall', 0.04)):
+        assert abs(found[name].value - true) < 4.0 * found[name].std < true
+
+
+@pytest.mark.slow
+def test_of_a_push_that_stays_no_end_is_told(make_campaign):
+    answer = explain(make_campaign(72, [Effect('external_push', PUSH)]))
+    assert answer.accepted == ('external_push',)
+    found = answer.findings[0].parameters
+    assert abs(found['force'].value - 5.0) < 4.0 * found['force'].std < 1.0
+    assert found['hold'].value > 1e3 or math.isnan(found['hold'].std)
