@@ -59,6 +59,7 @@ _SLOW = ('ac_coupling', 'offset', 'zero_drift')  # effects that slow noise may l
 _SEEN_MISSED = 1.21  # reduced chi-square of a prediction, from which it is told
 _FIRST_CONTACT = 0.012  # s after the onset
 _PRICE = 10.0  # chi-square that a further number must bring
+_CERTAIN = 300.0  # of chi-square, that slow noise does not imitate unseen
 _FAR_BEHIND = 100.0  # of chi-square
 _WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
 
@@ -70,7 +71,9 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
     data = prepare(campaign)
     outcome = _searched(campaign, data, thresholds, progress)
     near = outcome.final.reduced < _NOISE_AT_MOST
-    if near and (outcome.accepted or _unexplained(outcome, thresholds)[0]):
+    unexplained = _left(outcome, thresholds)
+    explained = bool(outcome.accepted) and not unexplained
+    if near and (unexplained or (explained and not _certain(outcome))):
         slower = noise_left(_without_slow(data, outcome))
         if slower:
             told = prepare(campaign, slower)
@@ -79,11 +82,23 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
                 progress(0.9 + 0.05 * share, f'with slower noise: {text}')
 
             other = _searched(campaign, told, thresholds, again, outcome.final.model)
-            explained = outcome.accepted and not _unexplained(outcome, thresholds)[0]
-            if not (explained and likelier(outcome.final, other.final, slower)):
+            # less explains less: what is found beyond came with the other noise
+            fewer = len(other.accepted) <= len(outcome.accepted)
+            kept = explained and (not fewer or likelier(outcome.final, other.final, slower))
+            if not kept:
                 data, outcome = told, other
     progress(0.95, 'regions')
     return _answer(campaign, data, outcome, thresholds)
+
+
+def _certain(outcome: Outcome) -> bool:
+    """Whether no finding that explains everything could be slow noise: each is far too strong."""
+    found = [outcome.found[c.label] for c in outcome.accepted if c.label in outcome.found]
+    return (
+        len(found) == len(outcome.accepted) > 0
+        and all(f.gain > _CERTAIN for f in found)
+        and not any(c.name in _SLOW for c in outcome.accepted)
+    )
 
 
 def _without_slow(data: CampaignData, outcome: Outcome) -> Fit:
