@@ -527,8 +527,10 @@ def _by_convention(
     wrong shows in late bounces, and would be sought among the effects. See `_grown`.
     """
     best, until = _grown(current, reached, window)
-    if (until == window and best.reduced < QUIET) or current.reduced > LOST:
+    if current.reduced > LOST:
         return best, until
+    if until == window and best.reduced < QUIET:
+        return _likelier(best, outcome) if outcome.accepted else best, until
     for model in other_conventions(best):
         meant = with_conventions_of(current.model, model)
         other = fit(meant, current.layout, current.x, iterations=12)
@@ -537,9 +539,29 @@ def _by_convention(
         grown, further = _grown(other, reached, window)
         if further > until or (further == until and _WORSE * grown.reduced < best.reduced):
             best, until = grown, further
-    meant = with_conventions_of(outcome.baseline.model, best.model)
-    outcome.baseline = dataclasses.replace(outcome.baseline, model=meant)
+    _mean(outcome, best)
     return best, until
+
+
+def _likelier(found: Fit, outcome: Outcome) -> Fit:
+    """A fit with what the names leave open taken in the way that leaves least.
+
+    When it was taken for the baseline something large may have been missing.
+    """
+    best = found
+    for model in other_conventions(found):
+        other = fit(model, found.layout, found.x)
+        if other.chi_square < best.chi_square - _LEAST_GAIN:
+            best = other
+    if best is not found:
+        _mean(outcome, best)
+    return best
+
+
+def _mean(outcome: Outcome, found: Fit) -> None:
+    """Take the names of the baseline as a fit does."""
+    meant = with_conventions_of(outcome.baseline.model, found.model)
+    outcome.baseline = dataclasses.replace(outcome.baseline, model=meant)
 
 
 def _renewed(current: Fit, outcome: Outcome) -> Fit:
