@@ -133,9 +133,11 @@ def _tested_fit(fit: Fit, laws: bool) -> Adequacy:
     law = ''
     if laws:
         p_values['laws'], excess['laws'], law = _laws(fit, weight, left, basis)
-    for label, (power, count) in _bands(fit, weight * limited).items():
+    for label, (power, count, quiet) in _bands(fit, weight * limited).items():
         allowed = _ALLOWED**2 * count
         p_values[label] = float(stats.ncx2.sf(power, count, allowed))
+        if math.isfinite(quiet):  # the colour is known no better than the quiet tells it
+            p_values[label] = float(stats.f.sf(power / (count + allowed), count, quiet))
         excess[label] = power - count
     return Adequacy(p_values, excess, law)
 
@@ -398,8 +400,12 @@ def _tested(left: Array, columns: Array, basis: Array, size: int) -> tuple[float
     return min(1.0, 2.0 * min(together, single)), max(power - count, best)
 
 
-def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int]]:
-    """Power and number of terms of the residual in bands, all recordings and channels."""
+def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int, float]]:
+    """Power and number of terms of the residual in bands, all recordings and channels.
+
+    And the number of terms in the quiet before the blows, from which the colour of a noise that
+    is not white is known; infinite where it is white.
+    """
     total: dict[str, list[float]] = {}
     for (i, name), span in fit.layout.spans.items():
         blow = fit.model.data.blows[i]
@@ -422,7 +428,10 @@ def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int]]:
             phase = np.pi * (time - time[0]) / length
             waves = np.cos(phase[:, None] * orders[None, :])
             q, _ = np.linalg.qr(waves)
-            entry = total.setdefault(f'{name} below {high:g} Hz', [0.0, 0])
+            entry = total.setdefault(f'{name} below {high:g} Hz', [0.0, 0.0, 0.0])
             entry[0] += float(np.sum((q.T @ r) ** 2))
             entry[1] += q.shape[1]
-    return {k: (v[0], int(v[1])) for k, v in total.items()}
+            before = blow.onset - blow.recording.channels[name].start
+            white = blow.channels[name].colour is None
+            entry[2] += math.inf if white else 2.0 * before * high * orders.size / last
+    return {k: (v[0], int(v[1]), v[2]) for k, v in total.items()}
