@@ -1,12 +1,15 @@
 """A force that repeats with the position of an axis; laws of an axis that are one law."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 
+from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.guess import position_ripple
 from impactscope.discrepancy.driven.model import Segment, inside_samples
+from impactscope.discrepancy.driven.ripple import ripple_of_motion
 
 RATE = 1000.0
 
@@ -36,3 +39,59 @@ def test_usual_forces_do_not_repeat_with_the_position():
 
 def test_a_speed_says_nothing_of_it():
     assert position_ripple([dataclasses.replace(segment(3.0), derivative=1)]) is None
+
+
+def recorded(amplitude, friction=0.0, seed=5):
+    """An axis in closed loop; what its plain law leaves of the position, by recording.
+
+    The law has the wrong numbers that a fit of it would have.
+    """
+    segments, left = [], []
+    rng = np.random.default_rng(seed)
+    for i in range(3):
+        turns = 2.0 * np.pi * np.array([0.31, 0.83, 1.7]) * (1.0 + 0.2 * i)
+        phases = rng.uniform(0.0, 2.0 * np.pi, 3)
+        count, steps = 6000, 4
+        measured, force = np.empty(count), np.empty(count)
+        plain = np.empty(count)
+        x = v = p = w = 0.0
+        for k in range(count):
+            t = k / RATE
+            ramp = min(2.0 * t, 1.0)
+            wanted = ramp * 0.02 * np.sum(np.sin(turns * t + phases) / (1.0, 2.0, 4.0))
+            held = 900.0 * (30.0 * (wanted - x) - v)
+            measured[k], force[k], plain[k] = x, held, p
+            for _ in range(steps):
+                against = 90.0 * v + amplitude * np.sin(2.0 * np.pi * x / 0.012)
+                against += friction * np.tanh(v / 1e-4)
+                v += (held - against) / 24.0 / RATE / steps
+                x += v / RATE / steps
+                w += (held - 90.3 * w) / 24.05 / RATE / steps
+                p += w / RATE / steps
+        measured = 1e-6 * np.rint(1e6 * measured)
+        drive = inside_samples(force, 1, held=True)
+        segments.append(
+            Segment(f'r{i}', 'x', 'm', i == 2, 0.0, 1.0 / RATE, measured, drive),
+        )
+        left.append(measured - plain)
+    values = {'mass': 24.05, 'damping': 90.3}
+    none = np.zeros(2)
+    return Fit((), values, {}, (none,) * 3, tuple(left), 0), segments
+
+
+def test_a_ripple_that_drowns_in_the_accelerations_shows_in_the_motion():
+    made, segments = recorded(0.05)
+    assert position_ripple(segments) is None
+    shown = ripple_of_motion(made, segments)
+    assert shown is not None
+    assert float(re.search(r'every (\S+) m', shown[0].law)[1]) == pytest.approx(0.012, rel=0.01)
+    assert shown[0].p_value < 1e-6
+    assert shown[1] < 0.05
+
+
+def test_dry_friction_is_no_ripple():
+    assert ripple_of_motion(*recorded(0.0, friction=0.5)) is None
+
+
+def test_a_rounded_position_is_no_ripple():
+    assert ripple_of_motion(*recorded(0.0)) is None

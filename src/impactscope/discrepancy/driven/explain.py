@@ -25,7 +25,9 @@ from impactscope.discrepancy.driven.hollow import hollow, of_what_is_explained
 from impactscope.discrepancy.driven.modal import Modes, further_modes
 from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
 from impactscope.discrepancy.driven.recordings import Cut
+from impactscope.discrepancy.driven.ripple import ripple_of_motion
 from impactscope.discrepancy.driven.search import Effort, Outcome, search
+from impactscope.discrepancy.driven.strangers import Verdict
 from impactscope.discrepancy.driven.subject import Subject
 from impactscope.discrepancy.driven.to_the_noise import (
     Progress,
@@ -128,6 +130,15 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     tell(0.95, 'describing')
     period = None
     if isinstance(model, OscillatorModel) and model.drifts:
+        shown = ripple_of_motion(baseline, segments)
+        if shown is not None and shown[1] * _power(baseline, segments) < _power(
+            outcome.best, segments
+        ):
+            only = Outcome(baseline, baseline, outcome.rivals, believed=False)
+            said = Verdict(True, True, shown[0], 1.0 - shown[0].p_value)
+            return describe(
+                Subject(campaign, model, segments, judge, only, None, tuple(notes), None, said)
+            )
         period = position_ripple(segments)
     if period is not None:
         outcome = Outcome(outcome.baseline, outcome.baseline, (), believed=False)

@@ -50,6 +50,8 @@ def p_value_of(s: Subject, final: Fit) -> float:
             if gain > STEPS
         ]
         return min(chances, default=1.0)
+    if s.verdict is not None and s.verdict.left:
+        return s.verdict.strongest.p_value
     gain = s.judge.gain(s.outcome.baseline, final)
     if final is s.outcome.baseline:
         gains = [s.judge.gain(final, f) for f in s.outcome.rivals if f.added > final.added]
