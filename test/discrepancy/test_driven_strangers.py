@@ -8,7 +8,7 @@ import pytest
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.spectral import stepped, whitening
-from impactscope.discrepancy.driven.strangers import _of_many, strangers
+from impactscope.discrepancy.driven.strangers import LOOKS, Stranger, _of_many, strangers
 
 SAMPLES, PERIOD, STEP = 4000, 1e-3, 1e-3
 
@@ -55,3 +55,9 @@ def test_few_samples_do_not_make_a_law():
     assert _of_many(residual, residual) == pytest.approx(4.0)
     residual[:] = 0.3
     assert _of_many(residual, residual) == pytest.approx(90.0)
+
+
+def test_a_law_that_was_sought_among_more_pays_for_them():
+    few, many = (Stranger('swings', 30.0, 2, looks=k) for k in (LOOKS, 10 * LOOKS))
+    assert many.p_value == pytest.approx(10.0 * few.p_value, rel=0.01)
+    assert many.worth == pytest.approx(few.worth - 2.0 * np.log(10.0))

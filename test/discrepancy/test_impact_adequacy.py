@@ -6,10 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact.adequacy import adequacy
+from impactscope.discrepancy.impact.adequacy import _bands, _tested_fit, adequacy
 from impactscope.discrepancy.impact.baseline import baseline_model
 from impactscope.discrepancy.impact.data import prepare
 from impactscope.discrepancy.impact.fit import Fit
@@ -68,3 +69,32 @@ def test_what_nobody_has_listed_is_called_unknown(make_campaign):
     assert answer.unexplained
     assert answer.mismatch.p_value < 1e-3
     assert answer.ranking[0].probability > 0.7
+
+
+def test_a_coloured_noise_is_known_no_better_than_the_quiet_tells_it(make_campaign):
+    rng = np.random.default_rng(4)
+
+    def slower(_: int, values):
+        fresh = rng.standard_normal(values.size)
+        return values + 0.3 * signal.lfilter([1.0], [1.0, -0.8], fresh)
+
+    campaign = changed(make_campaign(34, duration=0.6), 'acceleration.impactor', slower)
+    fit = fitted(campaign)
+    residual = fit.residuals[: fit.layout.size]
+    bands = _bands(fit, residual)
+    _, count, quiet = bands['acceleration.impactor below 400 Hz']
+    blows = [b for b in (fit.model.data.blows[i] for i in fit.layout.blows) if len(b.channels) > 3]
+    before = sum(b.onset - b.recording.channels['acceleration.impactor'].start for b in blows)
+    assert quiet == pytest.approx(2.0 * before * 340.0, rel=0.02)
+    assert 100 < quiet < count
+    assert bands['acceleration.plate below 400 Hz'][2] == np.inf
+    # some more than the quiet tells is nothing; much more is
+    band = signal.butter(4, (70.0, 380.0), btype='band', fs=2500.0, output='sos')
+    for share, told in ((0.1, False), (1.5, True)):
+        louder = fit.residuals.copy()
+        for (_, name), span in fit.layout.spans.items():
+            if name == 'acceleration.impactor':
+                more = signal.sosfilt(band, rng.standard_normal(span.stop - span.start))
+                louder[span] += np.sqrt(share) * more
+        tests = _tested_fit(dataclasses.replace(fit, residuals=louder), laws=False)
+        assert (tests.p_values['acceleration.impactor below 400 Hz'] < 1e-4) is told

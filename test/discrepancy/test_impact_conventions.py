@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.baseline import baseline_model
 from impactscope.discrepancy.impact.bench_numbers import LARGE_ANGLES
+from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.conventions import other_conventions, with_conventions_of
 from impactscope.discrepancy.impact.data import prepare
-from impactscope.discrepancy.impact.fit import at_point
-from impactscope.discrepancy.impact.follow import fit_baseline
+from impactscope.discrepancy.impact.fit import at_point, fit
+from impactscope.discrepancy.impact.follow import fit_baseline, follow
+from impactscope.discrepancy.impact.outcome import Outcome
+from impactscope.discrepancy.impact.search import _likelier
 from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import BareContact
 
@@ -31,6 +35,24 @@ def test_nobody_can_tell_where_there_is_no_weight(make_campaign):
     names = ('linear_sensor', 'zener_damper', 'unilateral_contact')
     campaign = make_campaign(20, orientation='horizontal', baseline=names)
     assert other_conventions(fit_baseline(baseline_model(campaign, prepare(campaign)))) == []
+
+
+def test_a_weight_is_taken_anew_once_something_large_is_found(make_campaign):
+    friction = Effect('coulomb_friction', {'force': 4.0})
+    campaign = make_campaign(23, [friction], large_angles=True, duration=1.0)
+    baseline = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    listed = {c.name: c for c in candidates(baseline, campaign.baseline_names)}
+    model = listed['coulomb_friction'].extend(baseline.model)
+    x = np.append(baseline.x, 4.0)
+    near = fit(model, model.layout(baseline.layout.blows, 0.03), x)
+    found = follow(near)
+    outcome = Outcome(baseline, found, [listed['coulomb_friction']])
+    again = _likelier(found, outcome)
+    assert found.model.constants.get(LARGE_ANGLES, 0.0) == 0.0
+    assert again.model.constants[LARGE_ANGLES] == 1.0
+    assert again.chi_square < found.chi_square - 9.0
+    assert outcome.baseline.model.constants[LARGE_ANGLES] == 1.0
+    assert _likelier(again, outcome) is again
 
 
 def test_nothing_is_missing_where_the_weight_goes_with_the_swing(make_campaign):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.baseline import baseline_model
 from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.explain import _certain
 from impactscope.discrepancy.impact.fit import fit
 from impactscope.discrepancy.impact.follow import fit_baseline
 from impactscope.discrepancy.impact.noise import Colour
@@ -141,3 +143,19 @@ def test_noise_without_a_white_part_is_met_though_the_quiet_told_another(memory)
     assert found is not None
     assert _likelihood(stretches, found) > _likelihood(stretches, known) + 50.0
     assert _likelihood(stretches, found) > _likelihood(stretches, true) - 20.0
+
+
+@pytest.mark.parametrize(
+    ('name', 'gains', 'sure'),
+    [
+        ('coulomb_friction', (5000.0,), True),
+        ('coulomb_friction', (60.0,), False),
+        ('zero_drift', (5000.0,), False),  # slow noise of any strength looks like it
+        ('coulomb_friction', (5000.0, 40.0), False),
+        ('coulomb_friction', (), False),
+    ],
+)
+def test_what_is_far_too_strong_for_noise_needs_no_other_noise(name, gains, sure):
+    accepted = [SimpleNamespace(name=name, label=f'{name} {i}') for i in range(len(gains))]
+    found = {c.label: SimpleNamespace(gain=g) for c, g in zip(accepted, gains, strict=True)}
+    assert _certain(SimpleNamespace(accepted=accepted, found=found)) is sure

@@ -193,6 +193,11 @@ class BothEnds:
                 return cut
         return None
 
+    def _own_louder(self) -> float:
+        """Noise of a sample over the output's own, which alone is left where all is cut off."""
+        whole = self.input + self.output if self.flat else self.sensor + self.passed
+        return math.sqrt(float(np.mean(whole)) / float(np.mean(self.output)))
+
     def evened(
         self, made: Array, terms: Sequence[Term], values: Mapping[str, float], segment: Segment
     ) -> Array:
@@ -203,9 +208,7 @@ class BothEnds:
             rest = np.fft.irfft(np.fft.rfft(rest) / np.sqrt(kept), rest.size)
         cut = self._cut(made, terms, values)
         if cut is not None:
-            rest = np.where(
-                cut, rest * self.typical / math.sqrt(float(np.mean(self.output))), rest
-            )
+            rest = np.where(cut, rest * self._own_louder(), rest)
         elif kept is None:
             return made
         return np.asarray(segment.measured - rest)

@@ -552,7 +552,11 @@ def _likelier(found: Fit, outcome: Outcome) -> Fit:
     for model in other_conventions(found):
         other = fit(model, found.layout, found.x)
         if other.chi_square < best.chi_square - _LEAST_GAIN:
-            best = other
+            # from there the usual way may lead further, too
+            back = fit(best.model, found.layout, other.x)
+            best = min(best, back, key=lambda f: f.chi_square)
+            if other.chi_square < best.chi_square - _LEAST_GAIN:
+                best = other
     if best is not found:
         _mean(outcome, best)
     return best
