@@ -312,3 +312,19 @@ def test_peers_look_at_a_campaign(examination):
     view = peers(output / 'campaigns' / 'campaign_0000')
     assert view.recordings >= 1
     assert 0.9 < view.r_squared <= 1
+
+
+@pytest.mark.parametrize(
+    ('told', 'right'),
+    [('stiffness', True), ('damper.branches.0.stiffness', True), ('parallel_stiffness', False)],
+)
+def test_another_number_of_a_like_name_is_not_the_one_that_was_wrong(told, right):
+    hidden = _answer('wrong_parameter', family='parameter')
+    hidden['parts'][0]['parameters'] = {'name': 'damper.branches.0.stiffness', 'ratio': 0.6}
+    reply = _reply('wrong_parameter')
+    ratio = {'value': 0.61, 'std': 0.02, 'unit': '1'}
+    reply['ranking'][0]['parameters'] = {'name': {'value': told, 'std': None}, 'ratio': ratio}
+    m = mark('c', hidden, reply, 1.0)
+    assert m.right_set
+    assert m.parameter_named is right
+    assert m.covered == ({'wrong_parameter.ratio': True} if right else {})

@@ -125,7 +125,7 @@ def mark(
         if any(p['family'] in ('parameter', 'label') for p in parts):
             told = (entry.get('wrong_parameter') or {}).get('parameters') or {}
             wanted = str(parts[0]['parameters'].get('name'))
-            result.parameter_named = wanted.split('.')[-1] in str(told)
+            result.parameter_named = _last_part(wanted) == _last_part(_text(told.get('name')))
             if result.parameter_named:
                 _mark_parameters(result, parts[0], entry['wrong_parameter'])
     result.held_out_ratio = _held_out(reply.get('fit') or {}, answer.get('noise') or {})
@@ -263,6 +263,15 @@ def _truthy(value: object) -> bool:
             for key in ('value', 'found', 'present', 'unexplained', 'detected')
         )
     return bool(value)
+
+
+def _text(value: object) -> str:
+    return str(value.get('value') if isinstance(value, Mapping) else value)
+
+
+def _last_part(name: str) -> str:
+    """Of a number's name: an answer may leave out to what it belongs."""
+    return name.split('@')[0].rsplit('.', 1)[-1]
 
 
 def _number(value: object) -> float | None:
