@@ -56,6 +56,10 @@ def ranked(outcome: Outcome, accepted: Sequence[Candidate]) -> list[Finding]:
                 for name, item in finding.parameters.items()
             }
             finding = dataclasses.replace(finding, parameters=numbers)
+        if candidate.name == 'wrong_parameter':
+            least = thresholds.confusable * own
+            pairs = zip(rivals, others, strict=True)
+            finding = _or_another(finding, [r for r, share in pairs if share > least])
         first.append(_among_orders(finding, mine, rivals))
         for rival, share in zip(rivals, others, strict=True):
             if rival.candidate.label in seen or rival.candidate.name == candidate.name:
@@ -94,6 +98,22 @@ def _listed(gain: float) -> float:
     A weak effect that nobody has listed looks like one that is.
     """
     return 0.97 - 0.2 * math.exp(-max(gain, 0.0) / 60.0)
+
+
+def _or_another(finding: Finding, rivals: Sequence[Found]) -> Finding:
+    """A wrong number with the others that explain as much if they are wrong in its place."""
+    texts = []
+    for rival in rivals:
+        candidate = rival.candidate
+        if candidate.name != finding.name or not candidate.free:
+            continue
+        where = f' of {candidate.recording}' if candidate.recording else ''
+        value = rival.fit.values[candidate.free[0].key]
+        texts.append(f'{candidate.parameter.split("@")[0]}{where}, {value:.5g}')
+    if not texts:
+        return finding
+    more = f' Or it is {"; or ".join(texts)}: the recordings cannot tell.'
+    return dataclasses.replace(finding, sentence=finding.sentence + more)
 
 
 def _among_orders(finding: Finding, mine: Found, rivals: Sequence[Found]) -> Finding:
