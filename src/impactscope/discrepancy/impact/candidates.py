@@ -23,10 +23,10 @@ from impactscope.discrepancy.impact.wrong_numbers import wrong_numbers
 from impactscope.physics.mechanisms.mechanism import Mechanism, Parameter
 from impactscope.physics.mechanisms.registry import all_mechanisms
 
-__all__ = ['candidates']
+__all__ = ['LEFT_ALONE', 'candidates']
 
 _DIRECT = ('quantisation',)  # seen in the samples themselves, not by a fit
-_KEPT = {  # parameters that are not fitted: nothing on this bench tells them
+LEFT_ALONE = {  # parameters that are not fitted at first: a push is not seen to end; see `fuller`
     'external_push': ('hold', 'fall'),
 }
 _VANISHES = {'base_compliance': 'mass'}  # numbers at whose infinity an effect is absent
@@ -64,7 +64,7 @@ def _is_there(candidate: Candidate, baseline: Sequence[str]) -> bool:
 
 def _bench_candidates(kind: Mechanism, model: ImpactModel, scene: Scene) -> Iterator[Candidate]:
     active = ActiveEffect(kind.name)
-    kept = _KEPT.get(kind.name, ())
+    kept = LEFT_ALONE.get(kind.name, ())
     vanishes = _VANISHES.get(kind.name)
     fitted = [p for p in kind.parameters if p.name not in kept]
     constants = {f'{active.tag}.{p.name}': p.default for p in kind.parameters if p.name in kept}

@@ -12,6 +12,7 @@ import numpy as np
 
 from impactscope.discrepancy.evidence import family_p_value
 from impactscope.discrepancy.impact.candidate import Candidate
+from impactscope.discrepancy.impact.candidates import LEFT_ALONE
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.model import Free
 from impactscope.discrepancy.impact.outcome import Outcome, evidence_for
@@ -20,7 +21,6 @@ from impactscope.physics.mechanisms.registry import mechanism
 
 __all__ = ['fuller']
 
-_MORE = {'external_push': ('hold', 'fall')}  # parameters that are left alone at first
 _STARTS = {'hold': (0.03, 0.1, 0.3), 'fall': (0.03, 0.15)}  # s
 _LONGEST = 10.0  # s
 _ITERATIONS = 12
@@ -51,7 +51,7 @@ def fuller(current: Fit, outcome: Outcome, false_finding: float) -> Fit:
         if best is None:
             continue
         gain = evidence_for(best, current)
-        if family_p_value(max(gain, 0.0), len(more), len(_MORE)) > false_finding:
+        if family_p_value(max(gain, 0.0), len(more), len(LEFT_ALONE)) > false_finding:
             continue
         outcome.accepted[outcome.accepted.index(plain)] = form
         known = outcome.found.pop(plain.label)
@@ -65,7 +65,7 @@ def fuller(current: Fit, outcome: Outcome, false_finding: float) -> Fit:
 
 def _form(plain: Candidate) -> Candidate | None:
     """The fuller form of a candidate that has one."""
-    names = _MORE.get(plain.name, ())
+    names = LEFT_ALONE.get(plain.name, ())
     if not names:
         return None
     tag = plain.effects[0].tag
