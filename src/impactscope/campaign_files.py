@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -110,14 +111,16 @@ def explain_folder(
     progress: Callable[[float, str], None] | None = None,
     *,
     baseline: Sequence[BaselineItem | str] | None = None,
+    within_s: float = math.inf,
 ) -> Answer:
     """What the recordings in a folder show that the simulation leaves out.
 
-    ``progress`` is called with the share that is done, 0 to 1, and what is being done.
+    ``progress`` is called with the share that is done, 0 to 1, and what is being done;
+    ``within_s`` as for :func:`~impactscope.discrepancy.explain.explain`.
     """
     if progress is not None:
         progress(0.0, 'reading')
-    return explain(load_campaign(path), baseline, progress)
+    return explain(load_campaign(path), baseline, progress, within_s)
 
 
 def _correct(data: Any, place: Sequence[str], value: object) -> None:

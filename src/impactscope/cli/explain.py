@@ -11,6 +11,7 @@ from rich.table import Table
 
 from impactscope.cli.console import Bar, out
 from impactscope.cli.options import Json
+from impactscope.discrepancy.patience import WITHIN_S
 
 if TYPE_CHECKING:
     from impactscope.discrepancy.answer import Answer
@@ -29,6 +30,14 @@ def explain(
         Optional[Path],
         typer.Option('--save-model', help='Write campaign.yaml anew, with what was found.'),
     ] = None,
+    within: Annotated[
+        float,
+        typer.Option(
+            '--within',
+            min=1.0,
+            help='Seconds to answer in; what is left out for that is told. "inf": no limit.',
+        ),
+    ] = WITHIN_S,
 ) -> None:
     """Say which physics the simulation leaves out: where it differs, what is missing, how sure.
 
@@ -40,7 +49,7 @@ def explain(
     from impactscope.campaign_files import save_model as save
 
     with Bar(f'explaining {campaign.name}') as advance:
-        answer = explain_folder(campaign, advance.describe)
+        answer = explain_folder(campaign, advance.describe, within_s=within)
     print_answer(answer)
     if json_file is not None:
         text = json.dumps(answer.to_json(), indent=1)

@@ -13,6 +13,7 @@ from impactscope.discrepancy.answer import Answer, Finding
 from impactscope.discrepancy.campaign import BaselineItem, Campaign, CampaignKind
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.impact import explain_impact
+from impactscope.discrepancy.patience import patient
 from impactscope.discrepancy.single_thread import single_threaded
 
 __all__ = ['explain']
@@ -29,6 +30,7 @@ def explain(
     campaign: Campaign,
     baseline: Sequence[BaselineItem | str] | None = None,
     progress: Callable[[float, str], None] | None = None,
+    within_s: float = math.inf,
 ) -> Answer:
     """What the recordings of a campaign show that its simulation leaves out.
 
@@ -36,6 +38,8 @@ def explain(
         campaign: with samples in its recordings.
         baseline: in place of the campaign's own.
         progress: called with the share that is done, 0 to 1, and what is being done.
+        within_s: time after which the search only finishes what an answer cannot do without; the
+            answer's notes tell what was left out.
 
     Raises ConfigurationError where the description contradicts itself, and InputError where the
     recordings hold nothing that could be used.
@@ -45,7 +49,7 @@ def explain(
         items = tuple(b if isinstance(b, BaselineItem) else BaselineItem(b) for b in baseline)
         campaign = dataclasses.replace(campaign, baseline=items)
     started = time.perf_counter()
-    with single_threaded():
+    with single_threaded(), patient(within_s) as patience:
         if campaign.kind is CampaignKind.IMPACT:
             answer = explain_impact(campaign, tell)
         else:
@@ -56,7 +60,8 @@ def explain(
         for finding in answer.ranking
     )
     elapsed = time.perf_counter() - started
-    return dataclasses.replace(answer, ranking=ranking, duration_s=elapsed)
+    notes = (*answer.notes, *patience.told)
+    return dataclasses.replace(answer, ranking=ranking, notes=notes, duration_s=elapsed)
 
 
 def _as_far_as_known(finding: Finding, campaign: Campaign) -> Finding:

@@ -16,6 +16,7 @@ from impactscope.campaign_files import load_campaign
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.patience import WITHIN_S
 from impactscope.errors import ConfigurationError, ImpactscopeError
 from impactscope.nodes import qos
 from impactscope.nodes.base import StageNode
@@ -32,6 +33,9 @@ class Discrepancy(StageNode):
     def __init__(self, **keywords: Any) -> None:
         super().__init__('discrepancy', **keywords)
         path = declare(self, 'campaign', '', 'campaign.yaml that describes bench and blows')
+        self._within_s = declare(
+            self, 'within_s', WITHIN_S, 's, after which a search only finishes what it has to'
+        )
         refuse_unknown(self)
         if not path:
             raise ConfigurationError('discrepancy: campaign is empty; name a campaign.yaml')
@@ -73,7 +77,7 @@ class Discrepancy(StageNode):
 
     def _search(self, events: list[ImpactEvent]) -> None:
         try:
-            answer = explain(self._campaign.with_events(events))
+            answer = explain(self._campaign.with_events(events), within_s=self._within_s)
         except ImpactscopeError as error:
             self._said = f'no answer: {error}'
             self.get_logger().error(f'discrepancy: {error}')

@@ -30,6 +30,7 @@ from impactscope.discrepancy.driven.stand_ins import (
     plain_friction,
 )
 from impactscope.discrepancy.driven.terms import key
+from impactscope.discrepancy.patience import lasts
 
 __all__ = ['exact_search']
 
@@ -78,6 +79,8 @@ def exact_search(
             beam = [start]
             fits.look_around(start)
     for depth in range(DEPTH):
+        if depth and not lasts('further effects'):
+            break
         grown: list[Fit] = []
         for base in beam:
             grown += _grow(fits, base, FITTED if depth == 0 else FITTED // 2)

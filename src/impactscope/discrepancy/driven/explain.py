@@ -36,6 +36,7 @@ from impactscope.discrepancy.driven.to_the_noise import (
     motion_answer,
     plate_answer,
 )
+from impactscope.discrepancy.patience import lasts
 
 __all__ = ['explain_driven']
 
@@ -79,6 +80,8 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
         answer, sure = None, False
     unknown = answer is not None and answer.accepted == ('unknown',)
     if answer is not None and sure and not (unknown and _modal(campaign, parts)):
+        return answer
+    if answer is not None and not lasts('a search that does not take all that is left for noise'):
         return answer
     baseline = with_known(campaign, model, segments, linear)
     judge = Judge(segments, len({t.name for t in model.terms}))
@@ -124,7 +127,9 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     ):
         tell(0.85, 'searching to the noise')
         seed = outcome.best if outcome.believed else None
-        exact, sure = mass_answer(campaign, begun, tell, seed)
+        exact, sure = None, False
+        if lasts('a search to the noise'):
+            exact, sure = mass_answer(campaign, begun, tell, seed)
         if exact is not None and sure and not hollow(exact):
             return exact
     tell(0.95, 'describing')

@@ -21,6 +21,7 @@ from impactscope.discrepancy.driven.decide import Judge, noise_share
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit, sensitivities
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.terms import Number, Term, key
+from impactscope.discrepancy.patience import lasts
 
 __all__ = ['MOST_NUMBERS', 'Effort', 'Outcome', 'prune', 'search']
 
@@ -202,6 +203,8 @@ def search(
     fits = _Fits(model, segments, baseline, start)
     beam = [baseline]
     for depth in range(effort.depth):
+        if depth and not lasts('further effects'):
+            break
         grown: list[Fit] = []
         for base in beam:
             room = effort.numbers - base.added + baseline.added

@@ -45,6 +45,7 @@ from impactscope.discrepancy.driven.slow_noise import (
 from impactscope.discrepancy.driven.spectral import counting_share
 from impactscope.discrepancy.driven.strangers import Verdict, verdict
 from impactscope.discrepancy.driven.subject import Subject
+from impactscope.discrepancy.patience import lasts
 
 __all__ = ['Progress', 'chain_answer', 'mass_answer', 'motion_answer', 'plate_answer']
 
@@ -237,6 +238,8 @@ def _exact(
         last = found[1].best
         if plain is not None and not _terms_of(found):
             break  # noise of that colour is all that there is
+        if not lasts('noise of other colours'):
+            break
         if case.model.drifts and not found[2].left and not last.terms:
             break
         if case.model.drifts and slow not in searched:
@@ -345,6 +348,8 @@ def _repeated(
             break  # noise of a colour is all that there is
         if erred and _errs(answer):
             break  # knowing the noise better does not help
+        if not lasts('the noise judged anew by what was found'):
+            break
         erred = _errs(answer)
         again = anew(case, outcome.best)
         if again is None or _alike(case, again):

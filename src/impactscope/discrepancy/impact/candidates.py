@@ -32,8 +32,8 @@ LEFT_ALONE = {  # parameters that are not fitted at first: a push is not seen to
 _VANISHES = {'base_compliance': 'mass'}  # numbers at whose infinity an effect is absent
 _RINGS_ON = ('base_compliance',)  # effects with a motion of their own, which a tap excites
 _PULSE_KNOWN = 0.3  # relative, of a tap's duration
-_RINGS = tuple(float(f) for f in np.geomspace(20.0, 600.0, 25))  # Hz, where a part may ring
-_MOST_STARTS = 32  # of a candidate
+_RINGS = tuple(float(f) for f in np.geomspace(20.0, 1200.0, 29))  # Hz, where a part may ring
+_MOST_STARTS = 36  # of a candidate
 _WEIGHTS = ('gravity_load', 'restoring_force')
 
 

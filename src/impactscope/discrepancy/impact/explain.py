@@ -43,6 +43,7 @@ from impactscope.discrepancy.impact.ranking import ranked, share_of_known, weake
 from impactscope.discrepancy.impact.search import Search
 from impactscope.discrepancy.impact.slow_noise import likelier, noise_left
 from impactscope.discrepancy.locate import locate
+from impactscope.discrepancy.patience import lasts
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
@@ -59,6 +60,7 @@ _SLOW = ('ac_coupling', 'offset', 'zero_drift')  # effects that slow noise may l
 _SEEN_MISSED = 1.21  # reduced chi-square of a prediction, from which it is told
 _FIRST_CONTACT = 0.012  # s after the onset
 _PRICE = 10.0  # chi-square that a further number must bring
+_OTHER_WAYS = 'other ways to take the names of the baseline'
 _CERTAIN = 300.0  # of chi-square, that slow noise does not imitate unseen
 _FAR_BEHIND = 100.0  # of chi-square
 _WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
@@ -73,7 +75,8 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
     near = outcome.final.reduced < _NOISE_AT_MOST
     unexplained = _left(outcome, thresholds)
     explained = bool(outcome.accepted) and not unexplained
-    if near and (unexplained or (explained and not _certain(outcome))):
+    open_yet = near and (unexplained or (explained and not _certain(outcome)))
+    if open_yet and lasts('slower noise'):
         slower = noise_left(_without_slow(data, outcome))
         if slower:
             told = prepare(campaign, slower)
@@ -133,7 +136,10 @@ def _searched(
     search = Search(campaign.baseline_names, thresholds, progress)
     outcome = search.run(with_later_cuts(baseline))
     others = other_conventions(outcome.final) if like is None else []
-    if others and _left(outcome, thresholds):
+    left = bool(others) and _left(outcome, thresholds)
+    if (left or outcome.accepted) and others and not lasts(_OTHER_WAYS):
+        others, left = [], False
+    if left:
         fits = side_by_side(lambda m: fit_baseline(with_conventions_of(baseline.model, m)), others)
         other = functools.reduce(further, fits)
         if not _far_behind(other, baseline):

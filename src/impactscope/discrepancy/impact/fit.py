@@ -231,6 +231,7 @@ def fit(
     iterations: int = 25,
     settled: float = _SETTLED,
     near: Fit | None = None,
+    fresh: bool = True,
 ) -> Fit:
     """The numbers that fit best, from ``start`` on.
 
@@ -239,7 +240,8 @@ def fit(
     ``near``: a fit close by, whose sensitivities serve for the first step.
 
     Between full evaluations slopes are brought up to date by each step that went about as they
-    said (Broyden, Math. Comp. 19, 1965); before a fit counts as converged they are taken anew.
+    said (Broyden, Math. Comp. 19, 1965); before a fit counts as converged they are taken anew,
+    unless ``fresh`` is not wanted: those of a fit ``near`` that is the same but for a detail do.
     """
     x = model.start() if start is None else start.copy()
     lower, upper = model.bounds()
@@ -267,7 +269,7 @@ def fit(
         step = trial - x
         expected = -float(2.0 * gradient @ step + step @ curvature @ step)
         if expected < enough and damping <= 1.0:
-            if not updates:
+            if not (updates and fresh):
                 converged = True
                 break
             slopes, updates = jacobian(model, x, layout, residuals), 0
@@ -284,7 +286,7 @@ def fit(
             x, residuals, cost = trial, moved, moved_cost
             damping *= max(1.0 / 5.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
             growth = 2.0
-            if fallen < enough and not updates:
+            if fallen < enough and not (updates and fresh):
                 converged = True
                 break
             if _STRAIGHT[0] < ratio < _STRAIGHT[1] and updates < _UPDATED:

@@ -23,6 +23,7 @@ from impactscope.discrepancy.impact.fit import Fit, at_point, fit
 from impactscope.discrepancy.impact.outcome import QUIET, Found, settled_without, weigh
 from impactscope.discrepancy.impact.strong import in_place_of, race, related
 from impactscope.discrepancy.impact.workbench import Remembered, Trial, Workbench
+from impactscope.discrepancy.patience import lasts
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
@@ -157,7 +158,8 @@ class JointFits:
             if len(found) == 1 and candidate.name in all_mechanisms():
                 kin = set(mechanism(candidate.name).kin)
         found.sort(key=lambda f: f.criterion)
-        if found and found[0].candidate.name in ('low_pass_filter', 'clock_error'):
+        like = found and found[0].candidate.name in ('low_pass_filter', 'clock_error')
+        if like and lasts('filters of other orders'):
             found += self._delays(current, found[0], looks)
             found.sort(key=lambda f: f.criterion)
         return found
@@ -178,7 +180,7 @@ class JointFits:
             known = {**values, candidate.free[0].key: number}
             x = np.array([f.to_inner(known[f.key]) for f in model.free])
             try:
-                joint = fit(model, current.layout, x, settled=0.1, near=like.fit)
+                joint = fit(model, current.layout, x, settled=0.1, near=like.fit, fresh=False)
             except ImpactscopeError:
                 continue
             found.append(weigh(candidate, joint, current, looks))

@@ -3,7 +3,8 @@
 Covariances come from the slope at one minimum. Where a yield, a speed or a frequency has a second
 one that recordings cannot exclude, the interval about the first is too narrow. So a fit sets out
 from either side of each such number; a better end replaces the fit, one about as good widens the
-uncertainty of what differs.
+uncertainty of what differs. A part that rings weakly has minima all over the spectrum: its
+frequency is scanned.
 """
 
 from __future__ import annotations
@@ -20,9 +21,12 @@ from scipy import stats
 from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.fit import Fit, fit
+from impactscope.discrepancy.impact.scene import LARGEST_FREQUENCY
+from impactscope.discrepancy.impact.workbench import Workbench
+from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['other_modes', 'widened']
+__all__ = ['other_modes', 'rung', 'widened']
 
 Array = NDArray[np.float64]
 
@@ -35,10 +39,36 @@ _ALIKE = 0.3  # standard deviations, between two fits that are one
 _INTERVAL = 1.96  # standard deviations
 _HELD = 0.95
 _HALVINGS = 30
+_LOWEST = 15.0  # Hz, from which a frequency is scanned
+_APART = 0.04  # of its logarithm, between two that are tried
+_PEAKS = 3  # that are followed
 
 
-def other_modes(final: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, list[Fit]]:
-    """The best fit, and others about as good, from either side of each number of a shape."""
+def rung(without: Fit, candidate: Candidate) -> list[dict[str, float]]:
+    """All numbers of a model with a candidate that rings, at the frequencies that explain most.
+
+    ``without``: the fit that lacks it. Nothing where the candidate has no frequency.
+    """
+    key = f'{candidate.label}.frequency'
+    number = next((f for f in candidate.free if f.key == key), None)
+    if number is None:
+        return []
+    highest = min(number.upper, LARGEST_FREQUENCY)
+    count = round(math.log(highest / _LOWEST) / _APART)
+    grid = np.geomspace(_LOWEST, highest, count)
+    workbench = Workbench(without)
+    tops = workbench.peaks(candidate, [{**candidate.starts[0], key: float(f)} for f in grid])
+    refined = side_by_side(lambda t: workbench.best_refined([t]), tops[:_PEAKS])
+    return [t.model.values(t.x) for t in refined]
+
+
+def other_modes(
+    final: Fit, candidates: Sequence[Candidate], further: Sequence[Mapping[str, float]] = ()
+) -> tuple[Fit, list[Fit]]:
+    """The best fit, and others about as good, from either side of each number of a shape.
+
+    ``further``: numbers by key, of other starts.
+    """
     keys = [
         number.key
         for candidate in candidates
@@ -52,6 +82,12 @@ def other_modes(final: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, list[
             near = final if float(np.max(np.abs(x - final.x))) < _NEAR else None
             with contextlib.suppress(ImpactscopeError):
                 found.append(fit(final.model, final.layout, x, settled=0.1, near=near))
+    for values in further:
+        x = np.array(
+            [f.to_inner(values.get(f.key, final.values[f.key])) for f in final.model.free]
+        )
+        with contextlib.suppress(ImpactscopeError):
+            found.append(fit(final.model, final.layout, x, settled=0.1))
     best = min(found, key=lambda f: f.chi_square)
     if best.chi_square > final.chi_square - _BETTER:
         best = final

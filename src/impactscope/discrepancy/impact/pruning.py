@@ -16,6 +16,7 @@ from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.discrepancy.impact.outcome import Found, Outcome, weigh, with_findings
 from impactscope.discrepancy.impact.strong import in_place_of, with_its_numbers
 from impactscope.discrepancy.impact.workbench import Workbench
+from impactscope.discrepancy.patience import lasts
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['prune']
@@ -157,7 +158,7 @@ def _relatives(
         if kin not in fitted and kin != mine.candidate.name
     }
     taken = {c.label for c in outcome.accepted}
-    if not wanted:
+    if not wanted or not lasts('relatives of what was found'):
         return []
     without = with_findings(outcome, rest, outcome.final.layout)
     workbench = Workbench(without)

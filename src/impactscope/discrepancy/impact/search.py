@@ -35,7 +35,7 @@ from impactscope.discrepancy.impact.held_out import check_held_out
 from impactscope.discrepancy.impact.joint_fits import LOST, JointFits
 from impactscope.discrepancy.impact.late_channels import with_late_channel
 from impactscope.discrepancy.impact.model import ImpactModel, Layout
-from impactscope.discrepancy.impact.modes import other_modes
+from impactscope.discrepancy.impact.modes import other_modes, rung
 from impactscope.discrepancy.impact.outcome import (
     QUIET,
     Found,
@@ -49,6 +49,7 @@ from impactscope.discrepancy.impact.profiles import profiled
 from impactscope.discrepancy.impact.pruning import prune
 from impactscope.discrepancy.impact.strong import from_first_contact, from_taps
 from impactscope.discrepancy.impact.workbench import Trial, Workbench
+from impactscope.discrepancy.patience import lasts
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
@@ -73,6 +74,7 @@ _DOUBTED = 5  # candidates that are looked at again where what is left is no noi
 _LEAST_GAIN = 9.0  # of chi-square, of such a candidate with one number
 _LEAST_CHANCE = 0.0027  # that noise alone gives it as much, whatever its numbers
 _WORTH = 6.0  # of chi-square, that a number less is worth
+_PRUNED = 2  # times
 _SOUND = 10.0  # times the chance from which what is left is no noise
 
 
@@ -96,7 +98,7 @@ class Search:
     def run(self, baseline: Fit) -> Outcome:
         """Search from a fitted baseline on."""
         outcome = self._searched(*self._structure(baseline))
-        if outcome.final.reduced > LOST:
+        if outcome.final.reduced > LOST and lasts('another start'):
             cold = self._from_cold(baseline)
             if cold is not None:
                 again = self._searched(*cold)
@@ -143,7 +145,8 @@ class Search:
                 current = fit(grown.model, _up_to(grown, window), grown.x)
             last, reached = not waiting, window
             outcome.window = self.fits.window = window
-            if current.reduced > QUIET and outcome.accepted:
+            astray = current.reduced > QUIET and outcome.accepted
+            if astray and lasts('the last finding sought anew'):
                 current = self._reconsider(current, outcome, sound)
             current = fuller(current, outcome, self.thresholds.false_finding)
             if last or current.reduced > QUIET or window in _LOOKED:
@@ -184,18 +187,36 @@ class Search:
 
     def _finished(self, outcome: Outcome) -> Outcome:
         """What can be spared goes; the numbers, what is certain of them, and the baseline then."""
-        doubted = outcome.final
-        prune(outcome, self.thresholds, self.windows[1], self.progress)
-        if outcome.final is not doubted:
-            outcome.tests = None
-        if outcome.accepted:
+        for _ in range(_PRUNED):
+            doubted = outcome.final
+            prune(outcome, self.thresholds, self.windows[1], self.progress)
+            if outcome.final is not doubted:
+                outcome.tests = None
+            if not outcome.accepted:
+                break
             final = outcome.final
             final = settled(fit(final.model, final.layout, final.x, near=final))
-            best, outcome.modes = other_modes(final, outcome.accepted)
-            final = best if best is final else settled(best)
-            outcome.final, outcome.factors = profiled(final, outcome.accepted)
+            best, outcome.modes = other_modes(final, outcome.accepted, self._rung(outcome))
+            outcome.final = best if best is final else settled(best)
+            far = best.chi_square < final.chi_square - _LEAST_GAIN
+            if not far or len(outcome.accepted) < 2:
+                break  # else beside numbers that were wrong a finding may have made up for them
+        if outcome.accepted:
+            outcome.final, outcome.factors = profiled(outcome.final, outcome.accepted)
         self._bare(outcome)
         return outcome
+
+    @staticmethod
+    def _rung(outcome: Outcome) -> list[dict[str, float]]:
+        """Numbers of the final model where what rings explains most, from scans of it alone."""
+        found = []
+        for candidate in outcome.accepted:
+            rings = any(f.key.endswith('.frequency') for f in candidate.free)
+            if rings and not candidate.channel and lasts('other frequencies of what rings'):
+                rest = [c for c in outcome.accepted if c is not candidate]
+                without = with_findings(outcome, rest, outcome.final.layout)
+                found += rung(without, candidate)
+        return found
 
     def _bare(self, outcome: Outcome) -> None:
         """The baseline over the final window; what it can do as well without is no finding."""
@@ -289,6 +310,8 @@ class Search:
         """
         if len(outcome.accepted) < 2 or any(not c.free for c in outcome.accepted):
             return current
+        if not lasts('one effect in place of several'):
+            return current
         start = with_findings(dataclasses.replace(outcome, final=current), [], current.layout)
         listed = candidates(start, self.baseline_names)
         names = {c.name for c in outcome.accepted}
@@ -338,7 +361,7 @@ class Search:
 
         Looked for where the blows are still simple: a step at a time may have gone astray.
         """
-        if any(not c.free for c in outcome.accepted):
+        if any(not c.free for c in outcome.accepted) or not lasts('pairs of effects'):
             return current
         start = with_findings(dataclasses.replace(outcome, final=current), [], current.layout)
         allowed = self.thresholds.inadequate
@@ -371,7 +394,11 @@ class Search:
 
     def _forward(self, current: Fit, outcome: Outcome, sound: Fit | None, *, last: bool) -> Fit:
         """Add what is missing within the current window, one candidate after the other."""
+        outcome.last = []
         while len(outcome.accepted) < _MOST:
+            spare = bool(outcome.accepted) or (outcome.looks > 1 and not last)
+            if spare and not lasts('further effects'):
+                break
             found, outcome.looks, current = self.fits.step(current, sound)
             sound = None
             outcome.last = found

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.impact.candidate import Candidate, stronger
 from impactscope.discrepancy.impact.fit import Fit, jacobian, projector
 from impactscope.discrepancy.impact.model import ImpactModel
+from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['Remembered', 'Trial', 'Workbench']
@@ -101,6 +102,17 @@ class Workbench:
         if self.remembered is not None and known is None and telling:
             self.remembered.ahead[place] = tuple(i for i, _ in tried[:_MANY])
         return [t for _, t in tried[:_STARTS]]
+
+    def peaks(self, candidate: Candidate, starts: Sequence[Mapping[str, float]]) -> list[Trial]:
+        """The trials that gain more than those next to them in a row of starts, best first."""
+        tried = side_by_side(lambda start: self._tried(candidate, start), starts)
+        gains = [-math.inf, *(-math.inf if t is None else t.gain for t in tried), -math.inf]
+        tops = [
+            trial
+            for i, trial in enumerate(tried)
+            if trial is not None and gains[i] < gains[i + 1] >= gains[i + 2]
+        ]
+        return sorted(tops, key=lambda t: t.gain, reverse=True)
 
     def vector(self, model: ImpactModel, start: Mapping[str, float]) -> Array:
         """Numbers of an extended model: those of ``start``, the others as they were fitted."""

@@ -1,0 +1,80 @@
+"""How long an answer may take: what is left out once the time is over, and that it is told.
+
+A search has a part that every answer needs and a part that only looks whether something else
+explains the recordings, too. The second asks :func:`lasts` before each of its steps.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import contextvars
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+__all__ = ['WITHIN_S', 'Patience', 'lasts', 'patient']
+
+WITHIN_S = 150.0
+"""Time in which an answer is wanted where nobody says otherwise, s."""
+
+_SEARCHED = 0.7  # of the time; the rest is for judging what was found, and for writing it down
+
+
+@dataclass(eq=False)
+class Patience:
+    """Time that a search may take, and what it left out when that was over.
+
+    Args:
+        seconds: in which an answer is wanted.
+        clock: in s; only differences count.
+    """
+
+    seconds: float = math.inf
+    clock: Callable[[], float] = time.monotonic
+    left_out: dict[str, None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._end = self.clock() + _SEARCHED * self.seconds
+
+    def lasts(self, step: str) -> bool:
+        """Whether there is time for a step that an answer can do without; else it is noted."""
+        if self.clock() < self._end:
+            return True
+        self.left_out[step] = None
+        return False
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """What was left out, in a sentence; none where nothing was."""
+        if not self.left_out:
+            return ()
+        return (
+            f'The search was ended so as to answer within about {self.seconds:g} s. Left out: '
+            f'{", ".join(self.left_out)}. With more time the answer may be another.',
+        )
+
+
+_patience: contextvars.ContextVar[Patience | None] = contextvars.ContextVar(
+    'patience', default=None
+)
+
+
+@contextlib.contextmanager
+def patient(seconds: float) -> Iterator[Patience]:
+    """Within this context :func:`lasts` goes by ``seconds`` from its beginning on."""
+    patience = Patience(seconds)
+    token = _patience.set(patience)
+    try:
+        yield patience
+    finally:
+        _patience.reset(token)
+
+
+def lasts(step: str) -> bool:
+    """Whether there is time for a step that an answer can do without; always where none is set.
+
+    Asked in the thread that searches, not in pieces of work that are done side by side.
+    """
+    patience = _patience.get()
+    return patience is None or patience.lasts(step)

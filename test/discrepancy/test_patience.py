@@ -1,0 +1,72 @@
+"""An answer in a given time: what is left out is told, what an answer needs is done."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.patience import Patience, lasts, patient
+from impactscope.physics.twin.assembly import Effect
+
+
+class Clock:
+    """A clock that a test sets."""
+
+    now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_steps_are_made_until_the_time_is_over_and_then_noted_once():
+    clock = Clock()
+    patience = Patience(100.0, clock)
+    assert patience.lasts('pairs')
+    clock.now += 69.0
+    assert patience.lasts('pairs')
+    assert patience.told == ()
+    clock.now += 2.0
+    assert not patience.lasts('pairs')
+    assert not patience.lasts('pairs')
+    assert not patience.lasts('slower noise')
+    (told,) = patience.told
+    assert 'within about 100 s' in told
+    assert 'pairs, slower noise.' in told
+
+
+@pytest.mark.parametrize('seconds', [math.inf, 1e9])
+def test_without_a_limit_nothing_is_left_out(seconds):
+    clock = Clock()
+    patience = Patience(seconds, clock)
+    clock.now += 1e6
+    assert patience.lasts('pairs')
+    assert patience.told == ()
+
+
+def test_the_limit_holds_within_its_context_alone():
+    assert lasts('pairs')
+    with patient(0.0) as outer:
+        assert not lasts('pairs')
+        with patient(math.inf):
+            assert lasts('pairs')
+        assert not lasts('noise')
+    assert lasts('pairs')
+    assert list(outer.left_out) == ['pairs', 'noise']
+
+
+def test_a_search_without_time_still_names_what_is_plain_and_tells_what_it_left_out(
+    make_campaign,
+):
+    made = make_campaign(3, [Effect('coulomb_friction', {'force': 0.3})])
+    answer = explain(made, within_s=1e-3)
+    assert answer.accepted == ('coulomb_friction',)
+    assert any('Left out: ' in note for note in answer.notes)
+    assert not any('Left out: ' in note for note in explain(made).notes)
+
+
+def test_a_search_without_time_finds_nothing_where_nothing_is_missing(make_campaign):
+    answer = explain(make_campaign(11), within_s=1e-3)
+    assert answer.accepted == ()
+    assert not answer.unexplained
