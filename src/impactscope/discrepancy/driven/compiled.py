@@ -13,11 +13,11 @@ _Function = TypeVar('_Function', bound=Callable[..., Any])
 
 
 def compiled(function: _Function) -> _Function:
-    """Compile at the first call and keep the machine code on disk.
+    """Compile at the first call and keep the machine code on disk; other threads run beside it.
 
     numba renews it when the function's own file changes, so a law and its callers must share one.
     """
-    return cast('_Function', njit(cache=True, error_model='numpy')(function))
+    return cast('_Function', njit(cache=True, nogil=True, error_model='numpy')(function))
 
 
 def law(function: _Function) -> _Function:

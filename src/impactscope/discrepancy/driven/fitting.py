@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.optimize import least_squares
 
+from impactscope.discrepancy.driven.by_recording import by_recording
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.terms import Number, Term, key
 
@@ -158,6 +159,12 @@ def fit(
             lower.append(number.lower / number.scale)
             upper.append(number.upper / number.scale)
 
+    ends = np.cumsum([segments[i].measured.size for i in fitted])
+    rows = {
+        i: slice(int(end) - segments[i].measured.size, int(end))
+        for i, end in zip(fitted, ends, strict=True)
+    }
+
     def values_of(theta: Array) -> dict[str, float]:
         return {k: float(theta[j] * n.scale) for j, (k, n) in enumerate(shared)}
 
@@ -168,13 +175,12 @@ def fit(
 
     def residual(theta: Array) -> Array:
         values = values_of(theta)
-        parts = []
-        for i in fitted:
+
+        def part(i: int) -> Array:
             predicted = model.predict(values, terms, start_of(theta, i), segments[i])
-            parts.append(
-                weights[i] * counted(model, segments[i].measured - predicted, segments[i])
-            )
-        whole = np.concatenate(parts)
+            return weights[i] * counted(model, segments[i].measured - predicted, segments[i])
+
+        whole = np.concatenate(by_recording(part, fitted, segments))
         last[:] = [*last[-2:], (theta.copy(), whole)]
         return whole
 
@@ -185,16 +191,17 @@ def fit(
         slopes[:, :first] = _differences(
             lambda q: residual(np.concatenate([q, theta[first:]])), theta[:first], at_theta, frozen
         )
-        values, row = values_of(theta), 0
-        for i in fitted:
-            rows = slice(row, row + segments[i].measured.size)
-            row = rows.stop
+        values = values_of(theta)
+
+        def own_columns(i: int) -> None:
             for j in range(place[i].start, place[i].stop):
                 moved = theta.copy()
                 moved[j] += STEP
                 predicted = model.predict(values, terms, start_of(moved, i), segments[i])
                 left = counted(model, segments[i].measured - predicted, segments[i])
-                slopes[rows, j] = (weights[i] * left - at_theta[rows]) / STEP
+                slopes[rows[i], j] = (weights[i] * left - at_theta[rows[i]]) / STEP
+
+        by_recording(own_columns, fitted, segments)
         return slopes
 
     theta = np.array(x0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.discrepancy.driven.by_recording import by_recording
 from impactscope.discrepancy.driven.fitting import Fit, numbers_of
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.noise_judge import innovations
@@ -90,10 +91,11 @@ def change(
     segments: Sequence[Segment],
 ) -> Array:
     """Whitened change of the prediction on the fitted recordings, shape (n,)."""
-    parts = []
-    for i, segment in enumerate(segments):
-        if segment.held_out:
-            continue
+
+    def part(i: int) -> Array:
+        segment = segments[i]
         predicted = model.predict(values, terms, made.starts[i], segment)
-        parts.append(innovations(segment, predicted - (segment.measured - made.residuals[i])))
-    return np.concatenate(parts)
+        return innovations(segment, predicted - (segment.measured - made.residuals[i]))
+
+    fitted = [i for i, s in enumerate(segments) if not s.held_out]
+    return np.concatenate(by_recording(part, fitted, segments))
