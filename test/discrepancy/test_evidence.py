@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from impactscope.discrepancy.evidence import (
+    borne_by_many,
     family_p_value,
     first_discoveries,
     information,
@@ -84,3 +85,16 @@ def test_white_and_coloured_residuals_are_told_apart():
     assert not is_white(np.convolve(white, np.ones(4) / 2, 'same'))
     assert spread_p_value(white) > 1e-3
     assert spread_p_value(1.2 * white) < 1e-6
+
+
+def test_what_many_samples_bear_counts_and_what_few_bear_does_not():
+    many = np.full(1000, 0.2)
+    assert borne_by_many(many, 3, 9.0) == pytest.approx(200.0)
+    few = np.zeros(1000)
+    few[[10, 500, 501]] = 400.0
+    assert borne_by_many(few, 3, 9.0) == pytest.approx(27.0)
+    few[700] = 400.0  # a fourth one is no longer lone
+    assert borne_by_many(few, 3, 9.0) == pytest.approx(427.0)
+    worse = np.full(1000, -0.2)
+    assert borne_by_many(worse, 3, 9.0) == pytest.approx(-200.0)
+    assert borne_by_many(few[:3], 3, 9.0) == 0.0

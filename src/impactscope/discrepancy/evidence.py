@@ -20,6 +20,7 @@ from scipy import stats
 
 __all__ = [
     'Thresholds',
+    'borne_by_many',
     'family_p_value',
     'first_discoveries',
     'information',
@@ -53,6 +54,24 @@ def family_p_value(gain: float, parameters: int, looks: int) -> float:
     """
     single = float(stats.chi2.sf(max(gain, 0.0), max(parameters, 1)))
     return float(-math.expm1(max(looks, 1) * math.log1p(-min(single, 1 - 1e-12))))
+
+
+def borne_by_many(fall: Array, lone: int, most: float) -> float:
+    """A fall of chi-square, sample by sample, in which no few samples decide.
+
+    A sample on the verge of a contact, or in which a friction turns round, is right or wrong by
+    hundredths of its duration: it may tell many standard deviations and mean nothing.
+
+    Args:
+        fall: of each sample's square, shape (n,).
+        lone: number of samples that must not decide; all count in full where there are no more.
+        most: by which each of the ``lone`` that fall most may count.
+    """
+    whole = float(np.sum(fall))
+    if fall.size <= lone:
+        return whole
+    largest = np.partition(fall, -lone)[-lone:]
+    return whole - float(np.sum(np.maximum(largest - most, 0.0)))
 
 
 def least_gain(parameters: int, looks: int, false_finding: float) -> float:

@@ -24,6 +24,7 @@ from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.noise_judge import innovations, slight
 from impactscope.discrepancy.driven.spectral import Stepped
 from impactscope.discrepancy.driven.tangent import Tangent, tangent
+from impactscope.discrepancy.evidence import borne_by_many
 
 __all__ = [
     'LOOKS',
@@ -150,14 +151,8 @@ def strangers(
 
 
 def _of_many(residual: Array, column: Array) -> float:
-    """Chi-square that a law takes away where no few samples decide.
-
-    A sample in which a friction turns round, or a stop is met, is right or wrong by hundredths of
-    its duration: it may tell many standard deviations and mean nothing.
-    """
-    fall = residual**2 - (residual - column) ** 2
-    most = np.partition(fall, -LONE)[-LONE:] if fall.size > LONE else fall
-    return float(np.sum(fall) - np.sum(np.maximum(most - TOLD, 0.0)))
+    """Chi-square that a law takes away where no few samples decide."""
+    return borne_by_many(residual**2 - (residual - column) ** 2, LONE, TOLD)
 
 
 def _worth(residual: Array, column: Array, sizes: Sequence[int]) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from impactscope.discrepancy.evidence import family_p_value, information
+from impactscope.discrepancy.evidence import borne_by_many, family_p_value, information
 from impactscope.discrepancy.impact.adequacy import LONE, TOLD, Adequacy
 from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.fit import Fit, fit
@@ -72,16 +72,14 @@ class Outcome:
 def evidence_for(joint: Fit, without: Fit) -> float:
     """Fall of chi-square, over the reduced chi-square that is left; no few samples decide.
 
-    A sample on the verge of a contact is met or missed by hundredths of its duration: it may tell
-    five standard deviations and mean nothing. The ``LONE`` samples that gain most count by no
-    more than ``TOLD`` each.
+    The ``LONE`` samples that gain most count by no more than ``TOLD`` each, see
+    :func:`~impactscope.discrepancy.evidence.borne_by_many`.
     """
     gain = without.chi_square - joint.chi_square
     size = joint.layout.size
-    if LONE < size == without.layout.size:
+    if size == without.layout.size:
         fall = without.residuals[:size] ** 2 - joint.residuals[:size] ** 2
-        most = np.partition(fall, -LONE)[-LONE:]
-        gain -= float(np.sum(np.maximum(most - TOLD, 0.0)))
+        gain += borne_by_many(fall, LONE, TOLD) - float(np.sum(fall))
     return gain / max(1.0, joint.reduced)
 
 
