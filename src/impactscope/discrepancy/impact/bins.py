@@ -27,6 +27,7 @@ _FINE_UNTIL = 0.025  # s after the onset in which every sample counts
 _LATE = 0.3  # s after the onset from which a bench may be still
 _STILL = 0.02  # s over which it is
 _LONG_BIN = 4e-3  # s, where nothing changes
+_RINGING_BIN = 1e-3  # s, where contacts are over
 _FLAT = 0.015  # s, at its largest value, that no coarse converter stays without being cut off
 _STEPS_BELOW = 4.5  # the top, where it is looked whether that is round
 _WIDER = 1.6  # times as wide there: a parabola is 2 to 3 times
@@ -72,6 +73,7 @@ def binned(
     colour: Colour | None,
     *,
     coarse: bool,
+    ringing: float = math.inf,
 ) -> BinnedChannel:
     """One channel in bins.
 
@@ -81,6 +83,7 @@ def binned(
         sigma: noise of a sample.
         colour: of the noise; None: white.
         coarse: of a channel that contacts and reversals do not make jump.
+        ringing: time after the onset, s, from which the bench only rings, without contacts.
     """
     rate = channel.sample_rate
     onset, lead, last = span
@@ -98,6 +101,7 @@ def binned(
     shortest = max(1, round(2e-4 * rate))
     size = np.full(samples.size, max(2, shortest) if coarse else shortest)
     size[since < -5e-3] = max(1, round(_LONG_BIN * rate))
+    size[since > ringing] = np.maximum(size, round(_RINGING_BIN * rate))[since > ringing]
     size[(since > _LATE) & _still(samples, sigma, round(_STILL * rate))] = max(
         1, round(_LONG_BIN * rate)
     )

@@ -46,6 +46,9 @@ _OF_NOISE = 5.0
 _TELLING = 64  # samples before the onset that tell how large the noise is
 _STRETCHES = 16  # of a recording, the quietest of which tells it where there are no such samples
 _LARGER = 1.3  # times what differences tell
+_SMOOTH = 5  # order of the course that a swing takes within a recording
+_JOLT = 6.0  # of the noise
+_A_WHILE = 0.05  # s
 _LONGEST_TAP = 0.035  # s after its onset in which the end of a tap is looked for
 
 
@@ -287,16 +290,22 @@ def _blow(
     notes: list[str],
 ) -> BlowData:
     channels = {}
+    alone = swinging and _stays_away(recording.channels, onset, noise)
     for name in CHANNELS:
         channel = recording.channels.get(name)
         if channel is None or name not in noise:
             continue
         last = LENGTH
-        if swinging:  # nobody knows whether it comes back
+        if swinging and not alone:  # nobody knows whether it comes back
             last = CAUGHT if name == 'acceleration.impactor' else RETURN
         coarse = name in ('force', 'acceleration.base')
         channels[name] = binned(
-            channel, (onset, LEAD, last), noise[name], colours.get(name), coarse=coarse
+            channel,
+            (onset, LEAD, last),
+            noise[name],
+            colours.get(name),
+            coarse=coarse,
+            ringing=RETURN if alone else math.inf,
         )
         if math.isfinite(channels[name].clipped_at):
             notes.append(
@@ -314,6 +323,44 @@ def _blow(
         }
     times, where = _moments(channels)
     return BlowData(recording, onset, channels, times, where, settled)
+
+
+def _stays_away(
+    channels: Mapping[str, ChannelSamples], onset: float, noise: Mapping[str, float]
+) -> bool:
+    """Whether a pendulum on the horizontal bench is seen neither to be caught nor to come back.
+
+    Its own accelerometer has to say so: what swings free changes smoothly, a hand jolts it. And
+    nothing on the bench rises again after it has rung down.
+    """
+    own = channels.get('acceleration.impactor')
+    if own is None or 'acceleration.impactor' not in noise:
+        return False
+    free = own.values[own.time > onset + CAUGHT]
+    if free.size < _TELLING or not np.isfinite(free).all():
+        return False
+    course = np.polynomial.Polynomial.fit(np.arange(free.size), free, _SMOOTH)
+    left = np.abs(free - course(np.arange(free.size)))
+    sigma = noise['acceleration.impactor']
+    jolted = float(np.max(left)) > _JOLT * sigma or float(np.std(left)) > _LARGER * sigma
+    return not jolted and not any(
+        _rises_again(channel, onset, noise[name])
+        for name, channel in channels.items()
+        if name in noise and name != 'acceleration.impactor'
+    )
+
+
+def _rises_again(channel: ChannelSamples, onset: float, noise: float) -> bool:
+    """Whether a channel shows more than before, after the blow has rung down for a while."""
+    since = channel.time - onset
+    level = float(np.nanmedian(channel.values[since < 0.0])) if np.any(since < 0.0) else 0.0
+    after = since > RETURN - _A_WHILE
+    blocks = np.floor((since[after] - RETURN) / _A_WHILE).astype(np.int64)
+    size = np.abs(channel.values[after] - level)
+    if not size.size or not np.isfinite(size).all():
+        return True
+    peaks = ndimage.maximum(size, blocks, np.unique(blocks))
+    return bool(np.any(np.diff(peaks) > _JOLT * noise))
 
 
 def _tap_length(channels: Mapping[str, BinnedChannel], onset: float) -> float:
