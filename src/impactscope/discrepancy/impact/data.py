@@ -43,6 +43,8 @@ _DOUBTFUL_TAP = 0.015  # s, from which a tap's length is looked at again
 _ONE_SWING = 0.025  # s
 _TOLD_BY = 24  # samples
 _OF_NOISE = 5.0
+_LATER = 0.02  # s, by which a force may show a contact later than the impactor
+_LEAST_BEFORE = 16  # samples of the impactor before that
 _TELLING = 64  # samples before the onset that tell how large the noise is
 _STRETCHES = 16  # of a recording, the quietest of which tells it where there are no such samples
 _LARGER = 1.3  # times what differences tell
@@ -168,15 +170,37 @@ def _first_sight(channels: Mapping[str, ChannelSamples]) -> float | None:
 
     A base moves by less and later than what stands on it, and where it does not move at all slow
     noise may look like a blow: it is asked where the others say nothing. An impactor that swings
-    is asked where there is nothing else.
+    is asked where there is nothing else, and for the contact that a force shows milliseconds late:
+    a heavy plate has to move before its spring is loaded.
     """
     for names in (CHANNELS[:2], CHANNELS[3:]):
         found = _onset([channels[c] for c in names if c in channels])
         if found is not None:
-            return found
+            impactor = channels.get('acceleration.impactor')
+            if impactor is None or 'acceleration.plate' in channels:
+                return found
+            return _touched(impactor, found)
     if any(c in channels for c in CHANNELS if c != 'acceleration.impactor'):
         return None
     return _onset([channels['acceleration.impactor']])
+
+
+def _touched(channel: ChannelSamples, seen: float) -> float:
+    """Moment at which an impactor meets what the force shows at ``seen``, s; never later."""
+    since = channel.time - seen
+    before = (since > -3.0 * _LATER) & (since < -_LATER) & np.isfinite(channel.values)
+    near = (since >= -_LATER) & (since <= 0.0)
+    if np.count_nonzero(before) < _LEAST_BEFORE or not np.any(near):
+        return seen
+    quiet = channel.values[before]
+    level = float(np.median(quiet))
+    size = np.abs(np.nan_to_num(channel.values[near] - level))
+    own = float(np.max(np.abs(quiet - level)))
+    threshold = max(0.05 * float(np.max(size)), 8.0 * noise_std(quiet), 1.5 * own)
+    if not np.any(size > threshold):
+        return seen
+    first = int(np.argmax(size > threshold))
+    return min(seen, float(channel.time[near][first]) - 0.5 / channel.sample_rate)
 
 
 def _onset(channels: Sequence[ChannelSamples]) -> float | None:

@@ -1,0 +1,61 @@
+"""When a blow begins: a heavy plate's force shows the contact later than the impactor does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.impact.data import _first_sight
+
+RATE, CONTACT = 4000.0, 0.4
+TIME = np.arange(round(RATE)) / RATE
+SINCE = TIME - CONTACT
+STRUCK = (SINCE > 0.0) & (SINCE < 0.012)
+
+
+def channel(name, values, noise):
+    rng = np.random.default_rng(5)
+    return ChannelSamples(name, 'x', RATE, 0.0, values + noise * rng.standard_normal(TIME.size))
+
+
+def impactor(**changes):
+    falling = np.where(SINCE < 0.0, 0.8 + 0.5 * SINCE, 0.0)
+    pushed = np.where(STRUCK, -300.0 * np.sin(np.pi * SINCE / 0.012), 0.0)
+    return channel('acceleration.impactor', falling + pushed + changes.get('more', 0.0), 0.1)
+
+
+def force(height=400.0):
+    late = np.clip(SINCE, 0.0, 0.03)
+    return channel(
+        'force', height * (late / 0.03) ** 3 * np.exp(-np.clip(SINCE - 0.03, 0, 9)), 0.3
+    )
+
+
+def plate():
+    moved = np.where(STRUCK, 200.0 * np.sin(np.pi * SINCE / 0.012), 0.0)
+    return channel('acceleration.plate', moved, 0.1)
+
+
+def seen(*channels):
+    return _first_sight({c.name: c for c in channels})
+
+
+def test_the_impactor_tells_the_contact_that_the_force_shows_late():
+    assert seen(force()) > CONTACT + 5e-3
+    assert seen(force(), impactor()) == pytest.approx(CONTACT, abs=1e-3)
+
+
+def test_a_plate_with_an_accelerometer_needs_no_impactor():
+    assert seen(force(), plate(), impactor()) == seen(force(), plate())
+
+
+def test_an_impactor_that_moves_before_tells_nothing():
+    shaking = np.where(SINCE < 0.0, 250.0 * np.sin(400.0 * SINCE), 0.0)
+    assert seen(force(), impactor(more=shaking)) == seen(force())
+    assert seen(force(), impactor(more=np.nan)) == seen(force())
+
+
+def test_what_moves_an_impactor_long_before_the_force_is_no_contact():
+    let_go = np.where((SINCE > -0.2) & (SINCE < -0.19), 100.0, 0.0)
+    assert seen(force(), impactor(more=let_go)) == pytest.approx(CONTACT, abs=1e-3)
