@@ -30,10 +30,10 @@ def test_steps_are_made_until_the_time_is_over_and_then_noted_once():
     clock.now += 2.0
     assert not patience.lasts('pairs')
     assert not patience.lasts('pairs')
-    assert not patience.lasts('slower noise')
+    assert not patience.lasts('relatives')
     (told,) = patience.told
     assert 'within about 100 s' in told
-    assert 'pairs, slower noise.' in told
+    assert 'pairs, relatives.' in told
 
 
 @pytest.mark.parametrize('seconds', [math.inf, 1e9])

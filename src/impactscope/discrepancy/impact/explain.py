@@ -75,8 +75,7 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
     near = outcome.final.reduced < _NOISE_AT_MOST
     unexplained = _left(outcome, thresholds)
     explained = bool(outcome.accepted) and not unexplained
-    open_yet = near and (unexplained or (explained and not _certain(outcome)))
-    if open_yet and lasts('slower noise'):
+    if near and (unexplained or (explained and not _certain(outcome))):
         slower = noise_left(_without_slow(data, outcome))
         if slower:
             told = prepare(campaign, slower)
@@ -105,12 +104,13 @@ def _certain(outcome: Outcome) -> bool:
 
 
 def _without_slow(data: CampaignData, outcome: Outcome) -> Fit:
-    """The final fit without findings that slow noise looks like, in channels that have some.
+    """The final fit without findings that slow noise looks like, where any channel has some.
 
-    With them a fit has taken a part of that noise, and what is left shows less of it.
+    With them a fit has taken a part of that noise, and what is left shows less of it. Where one
+    channel has slow noise the others may, too weak to be seen in the quiet.
     """
-    coloured = {n for b in data.blows for n, c in b.channels.items() if c.colour is not None}
-    kept = [c for c in outcome.accepted if not (c.name in _SLOW and c.channel in coloured)]
+    coloured = any(c.colour is not None for b in data.blows for c in b.channels.values())
+    kept = [c for c in outcome.accepted if not (coloured and c.name in _SLOW)]
     if len(kept) == len(outcome.accepted):
         return outcome.final
     return with_findings(outcome, kept, outcome.final.layout)
