@@ -13,7 +13,7 @@ from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.baseline import baseline_model
 from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.data import prepare
-from impactscope.discrepancy.impact.explain import _certain
+from impactscope.discrepancy.impact.explain import _certain, _without_slow
 from impactscope.discrepancy.impact.fit import fit
 from impactscope.discrepancy.impact.follow import fit_baseline
 from impactscope.discrepancy.impact.noise import Colour
@@ -159,3 +159,31 @@ def test_what_is_far_too_strong_for_noise_needs_no_other_noise(name, gains, sure
     accepted = [SimpleNamespace(name=name, label=f'{name} {i}') for i in range(len(gains))]
     found = {c.label: SimpleNamespace(gain=g) for c, g in zip(accepted, gains, strict=True)}
     assert _certain(SimpleNamespace(accepted=accepted, found=found)) is sure
+
+
+@pytest.mark.parametrize(
+    ('coloured', 'kept'),
+    [
+        ((), None),
+        (('acceleration.plate',), ['friction', 'hum']),
+        (('force',), ['friction', 'hum']),
+    ],
+)
+def test_where_one_channel_has_slow_noise_a_level_of_any_may_be_it(monkeypatch, coloured, kept):
+    findings = [
+        SimpleNamespace(name=name, channel=channel)
+        for name, channel in (('friction', ''), ('offset', 'force'), ('hum', 'force'))
+    ]
+    channels = {
+        name: SimpleNamespace(colour='slow' if name in coloured else None)
+        for name in ('force', 'acceleration.plate')
+    }
+    data = SimpleNamespace(blows=(SimpleNamespace(channels=channels),))
+    final = SimpleNamespace(layout='layout')
+    outcome = SimpleNamespace(accepted=findings, final=final)
+    monkeypatch.setattr(
+        'impactscope.discrepancy.impact.explain.with_findings',
+        lambda _, chosen, layout: ([c.name for c in chosen], layout),
+    )
+    found = _without_slow(data, outcome)
+    assert found is final if kept is None else found == (kept, 'layout')
