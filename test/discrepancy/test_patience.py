@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
 
+from impactscope.discrepancy import explain as explaining
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.patience import Patience, lasts, patient
 from impactscope.physics.twin.assembly import Effect
@@ -70,3 +72,27 @@ def test_a_search_without_time_finds_nothing_where_nothing_is_missing(make_campa
     answer = explain(make_campaign(11), within_s=1e-3)
     assert answer.accepted == ()
     assert not answer.unexplained
+
+
+@dataclasses.dataclass(frozen=True)
+class Left:
+    """An answer, as far as its end is concerned."""
+
+    unexplained: bool = True
+    unexplained_description: str = 'Something.'
+    ranking: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ('a note',)
+    duration_s: float = 0.0
+
+
+def test_something_unknown_is_not_claimed_as_if_all_had_been_tried(monkeypatch, make_campaign):
+    def cut_short(campaign, tell):
+        lasts('pairs')
+        return Left()
+
+    monkeypatch.setattr(explaining, 'explain_impact', cut_short)
+    made = make_campaign(11)
+    said = explain(made, within_s=0.0)
+    assert said.unexplained_description.startswith('Something. Not all')
+    assert said.notes[0] == 'a note'
+    assert explain(made).unexplained_description == 'Something.'

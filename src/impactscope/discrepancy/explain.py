@@ -19,6 +19,7 @@ from impactscope.discrepancy.single_thread import single_threaded
 __all__ = ['explain']
 
 FILTERS_DELAY = 1.6  # samples, of a filter of order 8 whose cut-off is half the rate
+_CUT_SHORT = ' Not all that is known here was tried for it: the time was over.'
 DRIFTS = 3.0  # standard deviations
 
 
@@ -61,7 +62,16 @@ def explain(
     )
     elapsed = time.perf_counter() - started
     notes = (*answer.notes, *patience.told)
-    return dataclasses.replace(answer, ranking=ranking, notes=notes, duration_s=elapsed)
+    said = answer.unexplained_description
+    if answer.unexplained and patience.left_out:
+        said += _CUT_SHORT
+    return dataclasses.replace(
+        answer,
+        ranking=ranking,
+        notes=notes,
+        unexplained_description=said,
+        duration_s=elapsed,
+    )
 
 
 def _as_far_as_known(finding: Finding, campaign: Campaign) -> Finding:

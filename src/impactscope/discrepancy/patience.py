@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 __all__ = ['WITHIN_S', 'Patience', 'lasts', 'patient']
 
-WITHIN_S = 150.0
+WITHIN_S = 240.0
 """Time in which an answer is wanted where nobody says otherwise, s."""
 
 _SEARCHED = 0.7  # of the time; the rest is for judging what was found, and for writing it down
