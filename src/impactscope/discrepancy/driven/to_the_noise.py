@@ -238,8 +238,6 @@ def _exact(
         last = found[1].best
         if plain is not None and not _terms_of(found):
             break  # noise of that colour is all that there is
-        if not lasts('noise of other colours'):
-            break
         if case.model.drifts and not found[2].left and not last.terms:
             break
         if case.model.drifts and slow not in searched:

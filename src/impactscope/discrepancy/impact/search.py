@@ -74,7 +74,7 @@ _DOUBTED = 5  # candidates that are looked at again where what is left is no noi
 _LEAST_GAIN = 9.0  # of chi-square, of such a candidate with one number
 _LEAST_CHANCE = 0.0027  # that noise alone gives it as much, whatever its numbers
 _WORTH = 6.0  # of chi-square, that a number less is worth
-_PRUNED = 2  # times
+_PRUNED = 2  # rounds in which findings are asked for again
 _SOUND = 10.0  # times the chance from which what is left is no noise
 
 
