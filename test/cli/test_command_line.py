@@ -199,6 +199,20 @@ def test_as_a_program():
     assert 'force.hammer' in done.stdout
 
 
+def test_a_reader_that_goes_changes_neither_verdict_nor_files(campaigns, tmp_path):
+    results, passing = tmp_path / 'results.json', campaigns / 'hand_pass.mcap'
+    with subprocess.Popen(
+        [sys.executable, '-m', 'impactscope.cli', 'analyse', passing, '--json', results],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as running:
+        running.stdout.close()
+        said = running.stderr.read().decode()
+    assert running.returncode == 0
+    assert 'Traceback' not in said
+    assert json.loads(results.read_text())
+
+
 def test_conceal_writes_a_campaign_and_says_what_is_wrong(capsys, tmp_path):
     folder = tmp_path / 'practice'
     sizes = ('--blows', '2', '--sample-rate', '1000', '--duration', '0.4')

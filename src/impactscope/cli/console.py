@@ -1,5 +1,7 @@
 """Where the command line writes: results to stdout, progress and errors to stderr."""
 
+import os
+import sys
 import time
 from typing import Self
 
@@ -7,9 +9,26 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-__all__ = ['Bar', 'err', 'out']
+__all__ = ['Bar', 'err', 'out', 'print_nowhere']
 
-out = Console(highlight=False)
+
+class _Output(Console):
+    """A console whose reader may go: the rest is done all the same, and the exit code is true."""
+
+    def on_broken_pipe(self) -> None:
+        """Write nowhere from now on."""
+        self.quiet = True
+        print_nowhere()
+
+
+def print_nowhere() -> None:
+    """Results go nowhere from now on: who read them has gone."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
+
+
+out = _Output(highlight=False)
 err = Console(stderr=True, highlight=False)
 
 

@@ -9,7 +9,7 @@ from rich.markup import escape
 
 from impactscope.cli.blows import analyse, live, replay
 from impactscope.cli.characterise import characterise
-from impactscope.cli.console import err, out
+from impactscope.cli.console import err, out, print_nowhere
 from impactscope.cli.demo import demo
 from impactscope.cli.explain import explain
 from impactscope.cli.files import conceal, convert, info, paper, simulate
@@ -18,6 +18,8 @@ from impactscope.errors import ConfigurationError, ImpactscopeError, RecordingEr
 from impactscope.version import __version__
 
 __all__ = ['app', 'main']
+
+READER_GONE = 141  # as of a program that a closed pipe ends
 
 app = typer.Typer(
     name='impactscope',
@@ -67,6 +69,9 @@ def main(arguments: list[str] | None = None) -> int:
     except (typer.Abort, KeyboardInterrupt):
         err.print('interrupted')
         return 130
+    except BrokenPipeError:  # as older versions of rich say it
+        print_nowhere()
+        return READER_GONE
     except ConfigurationError as error:
         return _fail(error, 2)
     except RecordingError as error:
