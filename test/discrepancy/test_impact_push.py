@@ -21,6 +21,16 @@ def test_a_push_that_ends_is_told_with_its_end(make_campaign):
 
 
 @pytest.mark.slow
+def test_the_end_of_a_strong_push_that_comes_late(make_campaign):
+    push = {'force': 14.0, 'start': 0.02, 'rise': 0.06, 'hold': 0.15, 'fall': 0.09}
+    answer = explain(make_campaign(73, [Effect('external_push', push)]))
+    assert answer.accepted == ('external_push',)
+    found = answer.findings[0].parameters
+    for name, true in push.items():
+        assert abs(found[name].value - true) < 4.0 * found[name].std < true
+
+
+@pytest.mark.slow
 def test_of_a_push_that_stays_no_end_is_told(make_campaign):
     answer = explain(make_campaign(72, [Effect('external_push', PUSH)]))
     assert answer.accepted == ('external_push',)

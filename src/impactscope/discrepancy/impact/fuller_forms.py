@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -26,10 +28,17 @@ _LONGEST = 10.0  # s
 _ITERATIONS = 12
 
 
-def fuller(current: Fit, outcome: Outcome, false_finding: float) -> Fit:
+def fuller(current: Fit, outcome: Outcome, false_finding: float, sound: Fit | None = None) -> Fit:
     """The fit with each finding in its fuller form, where that explains more than chance does.
 
     What was found is changed in ``outcome``.
+
+    Args:
+        current: the fit as it is.
+        outcome: what was found.
+        false_finding: probability that chance is given.
+        sound: the last fit at the noise, of a shorter window: what the fuller form adds had not
+            begun by then, and its numbers have not been led astray by it.
     """
     for plain in list(outcome.accepted):
         form = _form(plain)
@@ -38,9 +47,7 @@ def fuller(current: Fit, outcome: Outcome, false_finding: float) -> Fit:
         more = [f for f in form.free if f not in plain.free]
         model = current.model.extended(free=more)
         best: Fit | None = None
-        choices = [_STARTS[f.key.rpartition('.')[2]] for f in more]
-        for start in itertools.product(*choices):
-            values = {**current.values, **dict(zip((f.key for f in more), start, strict=True))}
+        for values in _starts(plain, more, current, sound):
             x = np.array([f.to_inner(values.get(f.key, f.start)) for f in model.free])
             try:
                 made = fit(model, current.layout, x, iterations=_ITERATIONS)
@@ -61,6 +68,23 @@ def fuller(current: Fit, outcome: Outcome, false_finding: float) -> Fit:
         outcome.tests = None
         current = best
     return current
+
+
+def _starts(
+    plain: Candidate, more: Sequence[Free], current: Fit, sound: Fit | None
+) -> Iterator[dict[str, float]]:
+    """Values from which the fuller form is fitted."""
+    choices = {f.key: _STARTS[f.key.rpartition('.')[2]] for f in more}
+    for start in itertools.product(*choices.values()):
+        yield {**current.values, **dict(zip(choices, start, strict=True))}
+    if sound is None or not {f.key for f in plain.free} <= set(sound.values):
+        return
+    tag = plain.effects[0].tag
+    up = sum(sound.values.get(f'{tag}.{name}', 0.0) for name in ('start', 'rise'))
+    if math.isfinite(sound.layout.window) and f'{tag}.hold' in choices:
+        choices[f'{tag}.hold'] = (max(sound.layout.window - up, 0.0),)
+    for start in itertools.product(*choices.values()):
+        yield {**current.values, **sound.values, **dict(zip(choices, start, strict=True))}
 
 
 def _form(plain: Candidate) -> Candidate | None:

@@ -145,10 +145,11 @@ class Search:
                 current = fit(grown.model, _up_to(grown, window), grown.x)
             last, reached = not waiting, window
             outcome.window = self.fits.window = window
+            current = fuller(current, outcome, self.thresholds.false_finding, sound)
             astray = current.reduced > QUIET and outcome.accepted
             if astray and lasts('the last finding sought anew'):
                 current = self._reconsider(current, outcome, sound)
-            current = fuller(current, outcome, self.thresholds.false_finding)
+                current = fuller(current, outcome, self.thresholds.false_finding, sound)
             if last or current.reduced > QUIET or window in _LOOKED:
                 current = self._forward(current, outcome, sound, last=last)
             if current.reduced > LOST and not last:
