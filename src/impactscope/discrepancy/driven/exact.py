@@ -20,7 +20,7 @@ from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.looks import HOPE, Prospect, prospects, wandered
 from impactscope.discrepancy.driven.measuring import before_sampling, filter_of
 from impactscope.discrepancy.driven.model import Model, Segment
-from impactscope.discrepancy.driven.noise_judge import NoiseJudge, innovations
+from impactscope.discrepancy.driven.noise_judge import DELAYING, NoiseJudge, innovations
 from impactscope.discrepancy.driven.search import Outcome, prune
 from impactscope.discrepancy.driven.stand_ins import (
     friction_of_baseline,
@@ -42,7 +42,6 @@ CLOSE = 60.0  # chi-square within which a second model is kept beside the best
 DEPTH = 3
 NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the best
 FAR = 10.0  # times the samples: chi-square from which a search goes on from what was found
-DELAYS = ('clock_error', 'low_pass_filter')
 EDGE = 64  # samples at either end
 FORM = 0.01  # of what a delay gains, that its form leaves open
 LATE = {
@@ -182,16 +181,16 @@ def _one_delay(fits: Fits, best: Fit, judge: NoiseJudge) -> Fit:
     more than the form of the filter (analogue, of samples, its order) leaves open, or is gained
     where a recording begins or ends.
     """
-    both = [t for t in best.terms if t.name in DELAYS]
-    if len(both) < len(DELAYS):
+    both = [t for t in best.terms if t.name in DELAYING]
+    if len(both) < len(DELAYING):
         return best
     others = frozenset(t.label for t in best.terms if t not in both)
     rest = fits.without(best, tuple(t for t in best.terms if t not in both))
     alone = [
         f
         for f in fits.known.values()
-        if sum(t.name in DELAYS for t in f.terms) == 1
-        and frozenset(t.label for t in f.terms if t.name not in DELAYS) == others
+        if sum(t.name in DELAYING for t in f.terms) == 1
+        and frozenset(t.label for t in f.terms if t.name not in DELAYING) == others
     ]
     if not alone:
         return best

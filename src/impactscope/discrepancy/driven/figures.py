@@ -15,6 +15,7 @@ from impactscope.discrepancy.driven.decide import FINEST
 from impactscope.discrepancy.driven.findings import unknown_finding
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.located import case_regions
+from impactscope.discrepancy.driven.measuring import step_of
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge
 from impactscope.discrepancy.driven.steps import STEPS, rounding
@@ -24,7 +25,6 @@ from impactscope.discrepancy.evidence import (
     first_discoveries,
     is_white,
     noise_std,
-    quantisation_step,
 )
 
 __all__ = ['left_over', 'p_value_of', 'places', 'table', 'traces']
@@ -66,7 +66,7 @@ def _floor(segment: Segment, residual: Array) -> float:
     """Noise of a sample: as stated, or of the residual and not below what the converter leaves."""
     if math.isfinite(segment.noise):
         return segment.noise
-    step = quantisation_step(segment.measured)
+    step = step_of(segment.measured)
     least = FINEST * float(np.max(np.abs(segment.measured)))
     return max(noise_std(residual), step / math.sqrt(12.0), least)
 

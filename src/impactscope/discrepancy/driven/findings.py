@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,6 +15,7 @@ from impactscope.discrepancy.driven.humming import hum_in_force
 from impactscope.discrepancy.driven.measuring import filter_of
 from impactscope.discrepancy.driven.model import OscillatorModel
 from impactscope.discrepancy.driven.moved import MovedModel
+from impactscope.discrepancy.driven.noise_judge import BETWEEN, DELAYING
 from impactscope.discrepancy.driven.strangers import Verdict
 from impactscope.discrepancy.driven.subject import Subject
 from impactscope.discrepancy.driven.terms import Term, key
@@ -29,6 +31,7 @@ STATED = (
 APART = 0.3  # relative difference of two numbers that is to be excluded
 REFUSED = 0.5  # probability of what a criterion may like and the rule against chance refuses
 EXCESS = 0.2  # of friction at rest over that in motion, likewise
+ALIKE = 9.0  # chi-square that does not tell a delay's form
 HINT = 4.0  # chi-square a number that makes a richer rival more than a possibility
 SUSPECT = 4.0  # standard uncertainties between a stated and a fitted number
 
@@ -76,7 +79,7 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
         words = _same_law(s, term)
         if 'offset' in rivals and _on_axis(s):
             words = (*words, 'gravity_load')  # a constant force on an axis may be a weight
-        rivals = tuple(dict.fromkeys((*rivals, *words)))
+        rivals = tuple(dict.fromkeys((*rivals, *words, *_other_delay(s, term, fits))))
         likely = share[term.name] + _in_other_words(term.name, words, fits, weight)
         found.append(_finding(s, term, s.outcome.best, likely, rivals))
     others = sorted((n for n in share if n not in best), key=lambda n: -share[n])
@@ -114,6 +117,28 @@ def _confused(
         if extra <= 0 or len(new) == 1:  # what a richer rival has beside is no stand-in
             found += new
     return tuple(dict.fromkeys(found))
+
+
+def _other_delay(s: Subject, term: Term, fits: Sequence[Fit]) -> tuple[str, ...]:
+    """The clock for a filter, or the filter for a clock, where only the form of a delay differs.
+
+    How a filter acts between samples and of which order it is nobody has stated, and what it
+    takes from the motion's own noise is known roughly: a slight difference decides nothing.
+    """
+    if term.name not in DELAYING:
+        return ()
+    names = {t.name for t in s.outcome.best.terms}
+    other = next(name for name in DELAYING if name != term.name)
+    rest = next((f for f in fits if {t.name for t in f.terms} == names - {term.name}), None)
+    rest = s.outcome.baseline if rest is None else rest
+    whole = s.judge.gain(rest, s.outcome.best).fitted
+    for made in fits:
+        if other not in names and {t.name for t in made.terms} == names - {term.name} | {other}:
+            place = next(t.channel for t in made.terms if t.name == other)
+            gain = s.judge.gain(rest, made).fitted
+            if place == term.channel and gain > whole - ALIKE - BETWEEN**2 * whole:
+                return (other,)
+    return ()
 
 
 def _same_law(s: Subject, term: Term) -> tuple[str, ...]:
@@ -191,6 +216,10 @@ def _finding(
     ]
     gain = s.judge.gain(rest[0] if rest else s.outcome.baseline, made)
     parameters, channel, sentence = _parameters(s, term, made), term.channel, term.sentence
+    if term.name == 'low_pass_filter':
+        cutoff = parameters['cutoff']
+        std = math.hypot(cutoff.std, _among_forms(s, term, made))
+        parameters['cutoff'] = dataclasses.replace(cutoff, std=std)
     hum = hum_in_force(s, term, made)
     if hum is not None:
         parameters['amplitude'], channel = hum, str(s.campaign.bench['input'])
@@ -208,6 +237,20 @@ def _finding(
         evidence=gain.fitted,
         held_out_gain=gain.held_out if s.judge.has_held_out else math.nan,
     )
+
+
+def _among_forms(s: Subject, term: Term, made: Fit) -> float:
+    """Standard deviation of a cut-off over orders and forms, by their probability."""
+    names = {t.name for t in made.terms}
+    others = [f for f in s.outcome.rivals if {t.name for t in f.terms} == names and f is not made]
+    cutoffs, judged = [], []
+    for f in (made, *others):
+        same = next(t for t in f.terms if t.name == term.name)
+        if same.channel == term.channel:
+            cutoffs.append(f.values[key(same, same.numbers[0])])
+            judged.append(s.judge.criterion(f, s.outcome.baseline))
+    pairs = zip(probabilities(judged), cutoffs, strict=True)
+    return math.sqrt(sum(p * (c - cutoffs[0]) ** 2 for p, c in pairs))
 
 
 def _parameters(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimate]:

@@ -16,6 +16,7 @@ from scipy import optimize, signal
 from scipy.interpolate import CubicSpline
 
 from impactscope.discrepancy.driven import layout as at
+from impactscope.discrepancy.driven.measuring import step_of
 from impactscope.discrepancy.driven.mechanics import SLOTS
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.oscillator import smooth_force
@@ -62,7 +63,8 @@ def _corner(segment: Segment, *, axis: bool) -> float:
     frequency, power = signal.periodogram(segment.measured, rate, detrend='constant')
     share = np.cumsum(power)
     highest = HARMONICS * float(frequency[np.searchsorted(share, POWER * share[-1])])
-    noise = noise_std(segment.measured)
+    # an axis at rest repeats one reading, and second differences tell no noise
+    noise = max(noise_std(segment.measured), step_of(segment.measured) / math.sqrt(12.0))
     if axis and math.isfinite(noise):
         parts = min(segment.measured.size, 1 << round(math.log2(2.0 * rate)))
         places, level = signal.welch(segment.measured, rate, nperseg=parts)

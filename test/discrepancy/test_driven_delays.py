@@ -1,0 +1,89 @@
+"""A filter of which little but the delay is seen: its class, and what its form leaves open."""
+
+import dataclasses
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from impactscope.discrepancy.driven.findings import _among_forms, _other_delay
+
+
+@dataclasses.dataclass(frozen=True)
+class Term:
+    """As much of an effect as a class is told from."""
+
+    name: str
+    form: str = ''
+    channel: str = 'force'
+
+    @property
+    def label(self):
+        return f'{self.name}/{self.form}'
+
+    @property
+    def numbers(self):
+        return (SimpleNamespace(name='cutoff'),)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Made:
+    """A fit with its chi-square."""
+
+    terms: tuple[Term, ...]
+    chi_square: float
+    values: dict[str, float] = dataclasses.field(default_factory=dict)
+
+
+class Judge:
+    """Chi-square alone."""
+
+    def gain(self, small, large):
+        return SimpleNamespace(fitted=small.chi_square - large.chi_square)
+
+    def criterion(self, made, reference):
+        return made.chi_square - reference.chi_square
+
+
+FRICTION = Term('coulomb_friction')
+
+
+def subject(best, *rivals):
+    outcome = SimpleNamespace(best=best, rivals=rivals, baseline=Made((), 9000.0))
+    return SimpleNamespace(outcome=outcome, judge=Judge())
+
+
+def with_cutoff(form, chi_square, cutoff, beside=()):
+    term = Term('low_pass_filter', form)
+    return Made((term, *beside), chi_square, {f'{term.label}.cutoff': cutoff})
+
+
+@pytest.mark.parametrize('beside', [(), (FRICTION,)])
+@pytest.mark.parametrize(
+    ('clock', 'alike'),
+    [(1007.0, True), (1013.0, False), (990.0, True)],  # 9, and 1e-4 of 8000, decide nothing
+)
+def test_a_slight_difference_does_not_tell_a_filter_from_a_clock(clock, alike, beside):
+    best = with_cutoff('causal-1', 1000.0, 475.0, beside)
+    rival = Made((Term('clock_error'), *beside), clock)
+    s = subject(best, rival)
+    if beside:
+        s.outcome.rivals += (Made(beside, 9000.0),)
+    fits = [best, *s.outcome.rivals]
+    assert _other_delay(s, best.terms[0], fits) == (('clock_error',) if alike else ())
+    assert _other_delay(s, FRICTION, fits) == ()
+
+
+def test_a_clock_of_another_channel_is_no_rival():
+    best = with_cutoff('causal-1', 1000.0, 475.0)
+    s = subject(best, Made((Term('clock_error', channel='input'),), 1000.0))
+    assert _other_delay(s, best.terms[0], [best, *s.outcome.rivals]) == ()
+
+
+def test_what_the_form_leaves_open_of_a_cutoff():
+    best = with_cutoff('causal-1', 1000.0, 475.0)
+    assert _among_forms(subject(best), best.terms[0], best) == 0.0
+    rivals = with_cutoff('analogue-2', 1000.0, 775.0), with_cutoff('causal-2', 1100.0, 2000.0)
+    aside = with_cutoff('causal-3', 900.0, 4000.0, (FRICTION,))  # more than the filter
+    found = _among_forms(subject(best, *rivals, aside), best.terms[0], best)
+    assert found == pytest.approx(math.sqrt(0.5) * 300.0, rel=1e-6)

@@ -1,0 +1,66 @@
+"""Where fits of an axis set out from: its equation of motion."""
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
+from impactscope.discrepancy.driven.baseline import linear_start
+from impactscope.discrepancy.driven.figures import _floor
+from impactscope.discrepancy.driven.guess import equation_start
+
+RATE, STEP = 2000.0, 2e-6
+MASS, DAMPING, FRICTION = 7.0, 40.0, 8.0
+
+
+def moved(travel, rng):
+    """Two smooth moves with rests that are longer; encoder positions and forces."""
+    time = np.arange(6000) / RATE
+    x, v, a = np.zeros((3, time.size))
+    for begin, way in ((0.3, 1.0), (1.9, -1.0)):
+        s = np.clip((time - begin) / 0.5, 0.0, 1.0)
+        x += way * travel * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        v += way * travel / 0.5 * 30.0 * s**2 * (1.0 - s) ** 2
+        a += way * travel / 0.25 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+    force = MASS * a + DAMPING * v + FRICTION * np.sign(v)
+    force += 0.01 * rng.standard_normal(time.size)
+    in_millimetres = (1e3 * STEP * np.round(x / STEP)).astype(np.float32)
+    return 1e-3 * in_millimetres.astype(np.float64), force
+
+
+@pytest.fixture
+def begun():
+    """An axis that stands for most of each recording."""
+    rng = np.random.default_rng(3)
+    channels, entries = {}, []
+    for i, travel in enumerate((0.1, -0.05, 0.08)):
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
+        x, force = moved(travel, rng)
+        channels[file] = {
+            'force.motor': ChannelSamples('force.motor', 'N', RATE, 0.0, force),
+            'displacement.axis': ChannelSamples('displacement.axis', 'm', RATE, 0.0, x),
+        }
+    bench = {'kind': 'driven', 'input': 'force.motor', 'outputs': ['displacement.axis']}
+    whole = {
+        'version': 1,
+        'bench': bench,
+        'model': {'restoring': 'none'},
+        'baseline': ['linear_mass_damper'],
+        'recordings': entries,
+    }
+    return linear_start(parse_campaign(whole, 'axis').with_samples(channels.__getitem__), [])
+
+
+def test_an_encoder_that_repeats_one_reading_at_rest_is_not_free_of_noise(begun):
+    friction = next(t for t in begun.model.terms if t.label == 'coulomb_friction')
+    found = equation_start(begun.model.numbers, (friction,), begun.segments)
+    assert found['mass'] == pytest.approx(MASS, rel=0.05)
+    assert found['damping'] == pytest.approx(DAMPING, rel=0.05)
+    assert found['coulomb_friction.force'] == pytest.approx(FRICTION, rel=0.05)
+
+
+def test_noise_of_such_a_channel_is_not_below_that_of_its_steps(begun):
+    segment = begun.segments[0]
+    quiet = np.zeros(segment.measured.size)
+    assert _floor(segment, quiet) == pytest.approx(STEP / np.sqrt(12.0), rel=1e-3)
