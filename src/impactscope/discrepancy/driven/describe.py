@@ -17,6 +17,7 @@ from impactscope.discrepancy.driven.findings import (
     wrong_parameters,
 )
 from impactscope.discrepancy.driven.fitting import Fit, numbers_of
+from impactscope.discrepancy.driven.free_swing import as_force, mass_of_free_swing
 from impactscope.discrepancy.driven.steps import steps_found
 from impactscope.discrepancy.driven.subject import Subject
 from impactscope.discrepancy.driven.terms import Term, key
@@ -80,8 +81,8 @@ def describe(s: Subject) -> Answer:
         unexplained_description=sentence if unexplained else '',
         next_tests=tests,
         baseline=s.campaign.baseline_names,
-        baseline_parameters=_estimates(base, units),
-        extended_parameters=_estimates(s.outcome.best if s.modes is None else base, units),
+        baseline_parameters=_estimates(s, base, units),
+        extended_parameters=_estimates(s, s.outcome.best if s.modes is None else base, units),
         model=_saved(s, new, wrong),
         notes=(*s.notes, *(() if unexplained or not sentence else (sentence,))),
         traces=traces(s, base, final),
@@ -93,9 +94,15 @@ def _modest(finding: Finding, most: float) -> Finding:
     return dataclasses.replace(finding, probability=min(most * finding.probability, most))
 
 
-def _estimates(made: Fit, units: Mapping[str, str]) -> dict[str, ParameterEstimate]:
+def _estimates(s: Subject, made: Fit, units: Mapping[str, str]) -> dict[str, ParameterEstimate]:
+    mass = mass_of_free_swing(s)
+    terms = {key(t, n): t for t in made.terms for n in t.numbers}
     return {
-        name: ParameterEstimate(value, made.std.get(name, math.nan), units.get(name, ''))
+        name: as_force(
+            ParameterEstimate(value, made.std.get(name, math.nan), units.get(name, '')),
+            mass,
+            terms.get(name),
+        )
         for name, value in made.values.items()
     }
 
@@ -126,11 +133,13 @@ def _saved(s: Subject, new: Sequence[Term], corrected: Sequence[Finding]) -> dic
         items.append({'name': term.name, 'values': values} if values else term.name)
     saved: dict[str, Any] = {'baseline': items, 'values': dict(best.values)}
     wrong = {str(f.parameters['name'].value) for f in corrected}
+    told = _estimates(s, best, {k: n.unit for k, n in numbers_of(s.model, best.terms)})
     saved['corrected'] = {
-        f'sensor.{name}': best.values[fitted] for name, fitted in STATED if name in wrong
+        f'sensor.{name}': told[fitted].value for name, fitted in STATED if name in wrong
     }
+    stds = {name: item.std if math.isfinite(item.std) else 0.0 for name, item in told.items()}
     saved['sensor'] = {
-        stated: {'value': best.values[fitted], 'std': best.std.get(fitted, 0.0)}
+        stated: {'value': told[fitted].value, 'std': stds[fitted]}
         for stated, fitted in STATED
         if stated in wrong
     }

@@ -11,6 +11,11 @@ from impactscope.discrepancy.answer import Finding, ParameterEstimate
 from impactscope.discrepancy.campaign import CampaignKind
 from impactscope.discrepancy.driven.baseline import gain_tolerance
 from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.free_swing import (
+    as_force,
+    mass_of_free_swing,
+    swings_freely,
+)
 from impactscope.discrepancy.driven.humming import hum_in_force
 from impactscope.discrepancy.driven.measuring import filter_of
 from impactscope.discrepancy.driven.model import OscillatorModel
@@ -254,6 +259,11 @@ def _among_forms(s: Subject, term: Term, made: Fit) -> float:
 
 
 def _parameters(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimate]:
+    found, mass = _numbers(s, term, made), mass_of_free_swing(s)
+    return {name: as_force(item, mass, term) for name, item in found.items()}
+
+
+def _numbers(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimate]:
     found = {
         n.name: ParameterEstimate(
             made.values[key(term, n)], made.std.get(key(term, n), math.nan), n.unit
@@ -265,7 +275,7 @@ def _parameters(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimat
     elif term.name == 'restoring_force' and 'stiffness' in made.values:
         std = made.std.get('stiffness', math.nan)
         unit = next(n.unit for n in s.model.numbers if n.name == 'stiffness')
-        if 'mass' not in made.values:
+        if 'mass' not in made.values and s.segments[0].unit.startswith('rad'):
             unit = '1/s^2'  # over the moment of inertia, which a free swing does not tell
         stiffness = made.values['stiffness']
         found['stiffness'] = ParameterEstimate(abs(stiffness), std, unit)
@@ -351,6 +361,7 @@ def wrong_parameters(s: Subject) -> list[Finding]:
     """Numbers that the campaign states and the recordings contradict."""
     found = []
     values, certain = s.outcome.best.values, s.outcome.best.std
+    beside = ', or the mass is not: they show over it alone' if swings_freely(s) else ''
     for name, fitted, stated, std in [] if s.modes is not None else _stated(s):
         if fitted not in values:
             continue
@@ -368,7 +379,7 @@ def wrong_parameters(s: Subject) -> list[Finding]:
                         'name': ParameterEstimate(name, 0.0, 'text'),
                         'ratio': ParameterEstimate(ratio, std / abs(stated), '1'),
                     },
-                    sentence=f'The stated {name} is not that of the recordings.',
+                    sentence=f'The stated {name} is not that of the recordings{beside}.',
                     equation=f'{name} x {ratio:.4g}',
                 )
             )
@@ -385,9 +396,27 @@ def _stated(s: Subject) -> Iterator[tuple[str, str, float, float]]:
         return
     channels = [s.segments[0].channel, str(s.campaign.bench.get('input', ''))]
     gains = [s.campaign.gain_std_of(c) for c in channels]
+    if swings_freely(s):
+        yield from _stated_per_mass(s)
+        return
     for name, fitted in STATED:
         quantity = s.campaign.sensor.get(name)
         if quantity is not None and quantity.known:
             value = s.outcome.best.values.get(fitted, quantity.value)
             std = math.hypot(quantity.std, *(g * value for g in gains))
             yield name, fitted, quantity.value, std
+
+
+def _stated_per_mass(s: Subject) -> Iterator[tuple[str, str, float, float]]:
+    """The same of a free swing, which tells a number over the mass alone, and by no gain."""
+    mass, sensor = mass_of_free_swing(s), s.campaign.sensor
+    for name, fitted in STATED:
+        quantity = sensor.get(name)
+        if mass is None or quantity is None or not quantity.known or not quantity.value:
+            continue
+        told = sensor.get('moving_mass')
+        if fitted == 'stiffness' and (told is None or not told.known):
+            continue  # the mass has been taken from it
+        value = quantity.value / mass.value
+        parts = quantity.std / quantity.value, mass.std / mass.value
+        yield name, fitted, value, abs(value) * math.hypot(*parts)

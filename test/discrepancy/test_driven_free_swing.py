@@ -1,0 +1,93 @@
+"""A free swing tells numbers per mass; the mass or the spring makes forces of them."""
+
+import functools
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
+from impactscope.discrepancy.driven import explain_driven
+
+RATE, CHANNEL = 100.0, 'displacement.boom'
+MASS, STIFFNESS, DAMPING, DRAG = 2.4, 82.0, 0.4, 6.0
+
+
+@functools.cache
+def swing(begin, seed):
+    time = np.arange(900) / RATE
+    solution = solve_ivp(
+        lambda _t, y: (
+            y[1],
+            -(STIFFNESS * y[0] + DAMPING * y[1] + DRAG * abs(y[1]) * y[1]) / MASS,
+        ),
+        (0.0, time[-1]),
+        (begin, 0.0),
+        t_eval=time,
+        rtol=1e-10,
+        atol=1e-12,
+    )
+    return solution.y[0] + 2e-5 * np.random.default_rng(seed).standard_normal(time.size)
+
+
+@functools.cache
+def answer(**sensor):
+    channels, entries = {}, []
+    for i, begin in enumerate((0.1, 0.06, 0.08)):
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
+        channels[file] = {CHANNEL: ChannelSamples(CHANNEL, 'm', RATE, 0.0, swing(begin, i))}
+    whole = {
+        'version': 1,
+        'bench': {'kind': 'driven', 'input': 'none', 'outputs': [CHANNEL]},
+        'sensor': sensor,
+        'baseline': ['linear_sensor'],
+        'recordings': entries,
+    }
+    return explain_driven(parse_campaign(whole, 'boom').with_samples(channels.__getitem__))
+
+
+@pytest.mark.parametrize(
+    ('sensor', 'scale', 'force'),
+    [({}, 1.0 / MASS, 'm/s^2'), ({'moving_mass': MASS}, 1.0, 'N'), ({'stiffness': 82}, 1.0, 'N')],
+)
+def test_forces_where_mass_or_spring_is_stated(sensor, scale, force):
+    found = answer(**sensor)
+    assert found.accepted == ('quadratic_damping',)
+    drag = found.findings[0].parameters['coefficient']
+    assert drag.unit == f'{force} s^2/m^2'
+    assert abs(drag.value - scale * DRAG) < 4.0 * drag.std < 0.05 * scale * DRAG
+    spring, damper = (found.extended_parameters[n] for n in ('stiffness', 'damping'))
+    assert (spring.unit, damper.unit) == (f'{force}/m', f'{force} s/m')
+    assert spring.value == pytest.approx(scale * STIFFNESS, rel=1e-3)
+    assert damper.value == pytest.approx(scale * DAMPING, rel=0.05)
+
+
+def test_an_uncertain_mass_makes_forces_uncertain():
+    spread = {'value': MASS, 'std': 0.2 * MASS}
+    sure, unsure = answer(moving_mass=MASS), answer(moving_mass=Stated(spread))
+    first, second = (a.findings[0].parameters['coefficient'] for a in (sure, unsure))
+    assert second.value == first.value
+    assert second.std == pytest.approx(np.hypot(first.std, 0.2 * first.value))
+
+
+@pytest.mark.parametrize('name', ['stiffness', 'damping'])
+def test_a_stated_number_is_held_against_the_mass(name):
+    true = {'stiffness': STIFFNESS, 'damping': DAMPING}[name]
+    right = answer(moving_mass=MASS, **{name: Stated({'value': true, 'std': 0.02 * true})})
+    assert right.accepted == ('quadratic_damping',)
+    wrong = answer(moving_mass=MASS, **{name: Stated({'value': 1.2 * true, 'std': 0.01 * true})})
+    assert wrong.accepted == ('quadratic_damping', 'wrong_parameter')
+    finding = next(f for f in wrong.ranking if f.name == 'wrong_parameter')
+    assert finding.parameters['name'].value == name
+    assert finding.parameters['ratio'].value == pytest.approx(1.0 / 1.2, rel=0.02)
+    assert 'over' in finding.sentence
+    assert wrong.model['corrected'][f'sensor.{name}'] == pytest.approx(true, rel=0.02)
+
+
+class Stated(dict):
+    """A stated number with its uncertainty, to be a key of what was answered."""
+
+    def __hash__(self):
+        return hash(tuple(sorted(self.items())))
