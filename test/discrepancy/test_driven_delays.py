@@ -1,4 +1,4 @@
-"""A filter of which little but the delay is seen: its class, and what its form leaves open."""
+"""Filters and clocks: where a search begins, what is one class, what a form leaves open."""
 
 import dataclasses
 import math
@@ -6,7 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from impactscope.discrepancy.driven.channel_effects import channel_terms
+from impactscope.discrepancy.driven.exact_fits import _looked_at
 from impactscope.discrepancy.driven.findings import _among_forms, _other_delay
+from impactscope.discrepancy.driven.looks import Prospect, _near
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,3 +90,19 @@ def test_what_the_form_leaves_open_of_a_cutoff():
     aside = with_cutoff('causal-3', 900.0, 4000.0, (FRICTION,))  # more than the filter
     found = _among_forms(subject(best, *rivals, aside), best.terms[0], best)
     assert found == pytest.approx(math.sqrt(0.5) * 300.0, rel=1e-6)
+
+
+def test_filters_without_delay_are_looked_for_in_two_orders():
+    found = [t.label for t in channel_terms('c', 'N', 1e3, 1.0, 0.1, 1.0) if _looked_at(t)]
+    filters = {label for label in found if label.startswith('low_pass')}
+    assert filters == {
+        f'low_pass_filter/{x}' for x in ('causal-2', 'zero-1', 'zero-2', 'analogue-2')
+    }
+
+
+def test_a_start_that_spoils_more_than_its_shape_may_bring_comes_last():
+    term = next(iter(channel_terms('c', 'N', 1e3, 1.0, 0.1, 1.0)))
+    strong = Prospect(term, {}, gain=1000.0, as_is=-1e6)
+    weak = Prospect(term, {}, gain=40.0, as_is=-20.0)
+    right = Prospect(term, {}, gain=30.0, as_is=25.0)
+    assert sorted([strong, right, weak], key=_near, reverse=True) == [right, weak, strong]

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy import fft
+from scipy import fft, signal
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.course import course_of
+from impactscope.discrepancy.driven.course import _end, course_of
 from impactscope.discrepancy.driven.moved import MovedNoise
 
 RATE, SAMPLES = 1000.0, 2500
@@ -159,3 +159,22 @@ def test_a_motion_as_broad_as_its_spectrum_leaves_no_noise_to_read():
     course = course_of(samples, 1.0 / RATE, 0)
     assert course.colour is None
     assert np.all(np.isfinite(course.motion))
+
+
+@pytest.mark.parametrize(('period', 'spacing'), [(2e-4, 2e-4 * 915 / 48), (1e-3, 1e-3 * 962 / 37)])
+def test_samples_that_end_at_a_knot_but_for_rounding(period, spacing):
+    assert np.all(np.isfinite(_end(spacing, period, 0)))
+
+
+@pytest.mark.parametrize('order', [1, 2])
+def test_a_filter_without_delay_is_sought_in_its_own_order(order):
+    def smoothed(i, t, x, v):
+        force = STIFFNESS * x + DAMPING * v
+        sections = signal.butter(order, 60.0, fs=RATE, output='sos')
+        return signal.sosfiltfilt(sections, force) - force
+
+    answer = explain_driven(campaign(16, smoothed))
+    assert answer.accepted == ('low_pass_filter',)
+    found = answer.ranking[0].parameters
+    assert (found['order'].value, found['zero_phase'].value) == (order, 1.0)
+    assert found['cutoff'].value == pytest.approx(60.0, rel=0.05)

@@ -162,7 +162,7 @@ def _knots(edges: Sequence[float], smooth: Sequence[int], spacing: float, n: int
 def _end(spacing: float, period: float, order: int) -> Array:
     """Further variance of position, speed and acceleration from an end on, (3, m), unit noise."""
     inner = spacing * np.arange(PATTERN + 1)
-    time = period * np.arange(int(inner[-1] / period) + 1)
+    time = np.minimum(period * np.arange(int(inner[-1] / period) + 1), inner[-1])
     knots = np.concatenate([np.full(DEGREE, 0.0), inner, np.full(DEGREE, inner[-1])])
     rows = BSpline.design_matrix(time, knots, DEGREE)
     scatter = np.linalg.pinv((rows.T @ rows).toarray())

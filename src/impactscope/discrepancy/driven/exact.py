@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.driven.decide import Judge
 from impactscope.discrepancy.driven.exact_fits import Fits, labels_of
 from impactscope.discrepancy.driven.fitting import Fit
-from impactscope.discrepancy.driven.looks import HOPE, Prospect, prospects, wandered
+from impactscope.discrepancy.driven.looks import HOPE, Prospect, looks, prospects, wandered
 from impactscope.discrepancy.driven.measuring import before_sampling, filter_of
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.noise_judge import DELAYING, NoiseJudge, innovations
@@ -130,17 +130,21 @@ def _grow(fits: Fits, base: Fit, most: int) -> list[Fit]:
             p = dataclasses.replace(p, initial=begin, other=None)
         made.append(fits.make(base, (*base.terms, p.term), p.initial, p.other))
     best = max(ranked, key=lambda p: p.gain, default=None)
-    forms: set[bool] = set()
+    forms: set[tuple[bool, bool]] = set()
     for p in ranked:
         if p.term.name == 'low_pass_filter' and best is not None and p.gain > 0.5 * best.gain:
-            if before_sampling(p.term) not in forms:
+            form = before_sampling(p.term), filter_of(p.term)[1]
+            if form not in forms:
                 made += _other_orders(fits, base, p)
-            forms.add(before_sampling(p.term))
+            forms.add(form)
     return made
 
 
 def _other_orders(fits: Fits, base: Fit, first: Prospect) -> list[Fit]:
-    """The same low-pass with other orders, from the cut-off with the same delay."""
+    """The same low-pass with other orders: from the cut-off with the same delay, or looked for.
+
+    Without a delay, each order weakens the signal after a law of its own.
+    """
     made = []
     order, both = filter_of(first.term)
     (cutoff,) = first.initial.values()
@@ -149,8 +153,13 @@ def _other_orders(fits: Fits, base: Fit, first: Prospect) -> list[Fit]:
             continue
         if before_sampling(term) != before_sampling(first.term):
             continue
-        ratio = 1.0 if both else LATE[filter_of(term)[0]] / LATE[order]
-        number = term.numbers[0]
+        if both:
+            seen = looks(fits.model, fits.place, [term], fits.segments)
+            here = fits.here if base is fits.place else None
+            (best,) = prospects(fits.model, base, seen, fits.segments, here)
+            made.append(fits.make(base, (*base.terms, term), best.initial, best.other))
+            continue
+        number, ratio = term.numbers[0], LATE[filter_of(term)[0]] / LATE[order]
         initial = {key(term, number): min(cutoff * ratio, 0.95 * number.upper)}
         made.append(fits.make(base, (*base.terms, term), initial))
     return made

@@ -28,7 +28,9 @@ ROUGH_STD = 0.03  # by which numbers with rough slopes differ from one start to 
 LONG = 40  # where everything depends on it
 LOST = 1000.0  # chi-square by which a fit is behind the best
 POLISHED = 'polished'
-FIRST_ORDER = 2  # of the low-pass that is looked for before its other orders are
+# of the low-pass that is looked for before its other orders are: one with a delay shows that
+# first, while what orders without one do to a signal has nothing in common
+FIRST_ORDER, FIRST_ORDERS_WITHOUT_DELAY = 2, (1, 2)
 
 
 class Fits:
@@ -43,11 +45,7 @@ class Fits:
         """Look at every candidate beside a fit, near which the search will be."""
         self.place, self.here = place, tangent(self.model, place, self.segments)
         # a low-pass shows little of an axis' motion: of what order it is matters
-        first = [
-            t
-            for t in self.model.terms
-            if t.name != 'low_pass_filter' or self.model.drifts or filter_of(t)[0] == FIRST_ORDER
-        ]
+        first = [t for t in self.model.terms if self.model.drifts or _looked_at(t)]
         self.looks = looks(self.model, place, first, self.segments)
         # what is tuned in every fit; its derivatives change little from one to the next
         self.tuned: Array | None = None
@@ -162,6 +160,13 @@ def _measured_by(term: Term, initial: Mapping[str, float]) -> Term:
             dataclasses.replace(n, scale=size) if n.name in term.amounts and size > 0.0 else n
         )
     return dataclasses.replace(term, numbers=tuple(numbers))
+
+
+def _looked_at(term: Term) -> bool:
+    if term.name != 'low_pass_filter':
+        return True
+    order, both = filter_of(term)
+    return order in FIRST_ORDERS_WITHOUT_DELAY if both else order == FIRST_ORDER
 
 
 def labels_of(terms: Sequence[Term]) -> frozenset[str]:

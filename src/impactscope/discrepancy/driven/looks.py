@@ -123,16 +123,25 @@ def prospects(
         best.setdefault(look.term.label, []).append(look.prospect(here, made.values))
     found = []
     for tried in best.values():
-        # a start of the right shape and a thousandth of the size is far from where it has to be
-        tried.sort(key=lambda p: (p.as_is if p.as_is >= HOPE else 0.0, p.gain), reverse=True)
-        again = sorted((_again(model, made, p, here, segments) for p in tried[:2]), key=_gained)
+        tried.sort(key=_near, reverse=True)
+        again = sorted((_again(model, made, p, here, segments) for p in tried[:2]), key=_sound)
         other = again[0].initial if len(again) > 1 and again[0].gain > HOPE else None
         found.append(dataclasses.replace(again[-1], other=other))
     return sorted(found, key=lambda p: -p.gain)
 
 
-def _gained(prospect: Prospect) -> float:
-    return prospect.gain
+def _near(prospect: Prospect) -> tuple[float, bool, float]:
+    """How likely a fit from a start ends where it should.
+
+    A start of the right shape and a thousandth of the size is far from there, and so is one that
+    spoils more than its shape could bring.
+    """
+    return prospect.as_is if prospect.as_is >= HOPE else 0.0, *_sound(prospect)
+
+
+def _sound(prospect: Prospect) -> tuple[bool, float]:
+    spoils = not prospect.term.amounts and prospect.as_is < -prospect.gain
+    return not spoils, prospect.gain
 
 
 def _starts(term: Term) -> list[dict[str, float]]:
