@@ -79,7 +79,7 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
         if not (coloured and name in STAIRS):
             yield Group(name, [column(parts)])
     if len(chosen) > 1:
-        yield Group('a gain that differs between recordings', alone(outputs))
+        yield Group('a gain that differs between recordings', _contrasts(alone(outputs)))
         yield Group('an offset that differs between recordings', alone(ones))
         yield Group('a drift that differs between recordings', alone(times))
     for mains in MAINS:
@@ -116,6 +116,17 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
         ringing = [signal.lfilter(b, a, y) for y in outputs]
         rest = [np.gradient(y) for y in ringing]
         yield Group(f'a resonance or a notch near {turn:.3g} Hz', [column(ringing), column(rest)])
+
+
+def _contrasts(rows: Sequence[Array]) -> list[Array]:
+    """What differs between rows, without what they have in common.
+
+    A gain of all recordings is no such law; and where one is fitted it is fitted to what both
+    channels tell, from which the prediction differs by noise that is in the residual.
+    """
+    total = np.sum(rows, axis=0)
+    power = float(total @ total) or 1.0
+    return [row - (row @ total) / power * total for row in rows[:-1]]
 
 
 def _by_sign(outputs: Sequence[Array]) -> list[Array]:
