@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact import conventions
 from impactscope.discrepancy.impact.baseline import baseline_model
 from impactscope.discrepancy.impact.bench_numbers import LARGE_ANGLES
 from impactscope.discrepancy.impact.candidates import candidates
@@ -87,3 +90,11 @@ def test_friction_beside_a_contact_that_loses_by_its_own_speed(make_campaign):
     assert answer.accepted == ('coulomb_friction',)
     force = answer.ranking[0].parameters['force']
     assert abs(force.value - 1.0) < 4.0 * force.std + 1e-4
+
+
+def test_a_choice_that_misses_the_first_milliseconds_is_not_followed(monkeypatch):
+    short, whole = SimpleNamespace(reduced=3.0), SimpleNamespace(reduced=1.0)
+    monkeypatch.setattr(conventions, 'begun', lambda _: short)
+    monkeypatch.setattr(conventions, 'fit_baseline', lambda _: whole)
+    assert conventions._followed(None, 2.9) is short
+    assert conventions._followed(None, 3.1) is whole

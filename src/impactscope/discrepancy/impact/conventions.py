@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from impactscope.discrepancy.impact.bench_numbers import LARGE_ANGLES, LOSS_OF, LOSSES
 from impactscope.discrepancy.impact.fit import Fit, fit
-from impactscope.discrepancy.impact.follow import fit_baseline, follows_all, further
+from impactscope.discrepancy.impact.follow import begun, fit_baseline, follows_all, further
 from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
@@ -62,7 +62,8 @@ def with_likelier(baseline: Fit) -> Fit:
 
     A choice that is not the recordings' bends the numbers of a baseline until the later bounces
     are met somehow. From there no fit may lead back: then the others have a cold start of their
-    own, and are taken if they leave little. Where much else is missing nobody can tell yet.
+    own, and are taken if they leave little. Where much else is missing nobody can tell yet; and
+    one that leaves more of the first milliseconds than the baseline leaves of all is not followed.
     """
     others = other_conventions(baseline)
     best = baseline
@@ -74,10 +75,17 @@ def with_likelier(baseline: Fit) -> Fit:
             best = near
     if follows_all(best):
         return best
-    for other in side_by_side(fit_baseline, others):
+    most = max(_SOUND, best.reduced)
+    for other in side_by_side(lambda model: _followed(model, most), others):
         if other.reduced < _SOUND:
             best = further(best, other)
     return best
+
+
+def _followed(model: ImpactModel, most: float) -> Fit:
+    """A baseline from a cold start; its first milliseconds alone where they leave too much."""
+    short = begun(model)
+    return short if short.reduced > most else fit_baseline(model)
 
 
 def _same_contact(model: ImpactModel, other: ImpactModel) -> bool:
