@@ -11,11 +11,7 @@ from impactscope.discrepancy.answer import Finding, ParameterEstimate
 from impactscope.discrepancy.campaign import CampaignKind
 from impactscope.discrepancy.driven.baseline import gain_tolerance
 from impactscope.discrepancy.driven.fitting import Fit
-from impactscope.discrepancy.driven.free_swing import (
-    as_force,
-    mass_of_free_swing,
-    swings_freely,
-)
+from impactscope.discrepancy.driven.free_swing import as_force, mass_of_free_swing, swings_freely
 from impactscope.discrepancy.driven.humming import hum_in_force
 from impactscope.discrepancy.driven.measuring import filter_of
 from impactscope.discrepancy.driven.model import OscillatorModel
@@ -394,11 +390,11 @@ def _stated(s: Subject) -> Iterator[tuple[str, str, float, float]]:
             if term.name == 'wrong_parameter' and tolerance is not None:
                 yield 'gain', f'{term.label}.excess', 1.0, tolerance
         return
-    channels = [s.segments[0].channel, str(s.campaign.bench.get('input', ''))]
-    gains = [s.campaign.gain_std_of(c) for c in channels]
     if swings_freely(s):
         yield from _stated_per_mass(s)
         return
+    channels = [s.segments[0].channel, str(s.campaign.bench.get('input', ''))]
+    gains = [s.campaign.gain_std_of(c) for c in channels]
     for name, fitted in STATED:
         quantity = s.campaign.sensor.get(name)
         if quantity is not None and quantity.known:

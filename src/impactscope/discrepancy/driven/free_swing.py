@@ -11,7 +11,7 @@ from impactscope.discrepancy.driven.model import OscillatorModel
 from impactscope.discrepancy.driven.subject import Subject
 from impactscope.discrepancy.driven.terms import Term
 
-__all__ = ['PER_MASS', 'as_force', 'mass_of_free_swing', 'swings_freely']
+__all__ = ['as_force', 'mass_of_free_swing', 'swings_freely']
 
 PER_MASS = 'm/s^2'  # the unit of a force there
 
