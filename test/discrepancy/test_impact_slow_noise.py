@@ -102,7 +102,9 @@ def test_a_drift_that_all_recordings_share_is_likelier_than_slow_noise(make_camp
         model = added.extend(plain.model)
         x = np.array([f.to_inner(plain.values.get(f.key, f.start)) for f in model.free])
         found = fit(model, plain.layout, x)
-        assert likelier(found, baseline(campaign, slower), slower) is true
+        instead = baseline(campaign, slower)
+        assert likelier(found, instead, slower) is true
+        assert not likelier(found, instead, slower, numbers=1000)  # each has its price
 
 
 @pytest.mark.parametrize(

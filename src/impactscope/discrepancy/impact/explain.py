@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ from impactscope.discrepancy.impact.follow import (
     prediction_misfit,
 )
 from impactscope.discrepancy.impact.model import ImpactModel
+from impactscope.discrepancy.impact.noise import Colour
 from impactscope.discrepancy.impact.outcome import Outcome, with_findings
 from impactscope.discrepancy.impact.ranking import ranked, share_of_known, weaker
 from impactscope.discrepancy.impact.search import Search
@@ -86,11 +87,16 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
             other = _searched(campaign, told, thresholds, again, outcome.final.model)
             # less explains less: what is found beyond came with the other noise
             fewer = len(other.accepted) <= len(outcome.accepted)
-            kept = explained and (not fewer or likelier(outcome.final, other.final, slower))
-            if not kept:
+            if not explained or (fewer and not _likelier(outcome, other, slower)):
                 data, outcome = told, other
     progress(0.95, 'regions')
     return _answer(campaign, data, outcome, thresholds)
+
+
+def _likelier(outcome: Outcome, other: Outcome, slower: Mapping[str, Colour]) -> bool:
+    """Whether the findings of ``outcome`` are likelier than ``slower`` noise, as in ``other``."""
+    beyond = sum(c.cost for c in outcome.accepted) - sum(c.cost for c in other.accepted)
+    return likelier(outcome.final, other.final, slower, max(beyond, 1))
 
 
 def _certain(outcome: Outcome) -> bool:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.discrepancy.evidence import information
 from impactscope.discrepancy.impact.bins import BinnedChannel
 from impactscope.discrepancy.impact.data import BlowData
 from impactscope.discrepancy.impact.fit import Fit
@@ -35,7 +36,6 @@ _STRUCK = 0.03  # s after the onset, from which a channel counts that has no qui
 _WITHIN = 0.02  # s, to either side
 _FEWEST = 60  # bins
 _GAIN = 16.0  # twice the logarithm of the likelihood, from which noise is slower than was known
-_AHEAD = 8.0  # the same, by which findings are likelier than slower noise in their place
 _DENIED = (
     3.0  # logarithm of the likelihood, by which the quiet before the blows may speak against it
 )
@@ -82,15 +82,17 @@ def noise_left(found: Fit) -> dict[str, Colour]:
     return slower
 
 
-def likelier(found: Fit, instead: Fit, slower: Mapping[str, Colour]) -> bool:
+def likelier(found: Fit, instead: Fit, slower: Mapping[str, Colour], numbers: int = 1) -> bool:
     """Whether findings explain better what slower noise explains without them.
 
-    Each in the noise that suits it best: a drift that all recordings share is hardly noise.
+    Each in the noise that suits it best: a drift that all recordings share is hardly noise. Where
+    findings bring more numbers, these have their price (Bayesian information criterion).
 
     Args:
         found: a fit with the findings, in the noise that was known.
         instead: a fit without them, in slower noise.
         slower: that noise, by channel.
+        numbers: that ``found`` has beyond ``instead``.
     """
     ahead = 0.0
     for name, colour in slower.items():
@@ -102,7 +104,7 @@ def likelier(found: Fit, instead: Fit, slower: Mapping[str, Colour]) -> bool:
         own = _slower(with_findings, known, rate) or known
         best = max(_likelihood(with_findings, c) for c in (known, own))
         ahead += best - max(_likelihood([s for s, _ in other], c) for c in (colour, own))
-    return 2.0 * ahead > _AHEAD
+    return information(-2.0 * ahead, numbers, found.layout.size) < 0.0
 
 
 def _others_met(found: Fit, name: str) -> bool:
