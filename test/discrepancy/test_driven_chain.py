@@ -254,3 +254,25 @@ def test_what_only_a_held_out_recording_shows_is_not_nothing():
     answer = explain_driven(dataclasses.replace(made, recordings=recordings))
     assert answer.accepted == ('unknown',)
     assert last.file in answer.unexplained_description
+
+
+def ringing_sensor(frequency, ratio):
+    """A sensor that rings, at eight times the rate."""
+    turn = 2.0 * np.pi * frequency
+    b, a = signal.bilinear([turn**2], [1.0, 2.0 * ratio * turn, turn**2], 8.0 * RATE)
+    return lambda x: signal.lfilter(b, a, x)
+
+
+@pytest.mark.parametrize(
+    ('frequency', 'ratio'), [pytest.param(70.0, 0.5, marks=pytest.mark.slow), (260.0, 0.05)]
+)
+def test_a_sensor_that_rings_is_not_in_the_library(frequency, ratio):
+    """It is told alone: its own frequency and damping leave nothing to a wrong gain."""
+
+    def share(x):
+        return x + 0.02 * (ringing_sensor(frequency, ratio)(x) - x)
+
+    answer = explain_driven(campaign(6, share, finer=8))
+    assert answer.accepted == ('unknown',)
+    told = float(answer.unexplained_description.split('resonance or a notch at ')[1].split()[0])
+    assert told == pytest.approx(frequency, rel=0.1)

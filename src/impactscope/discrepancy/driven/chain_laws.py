@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -14,7 +14,7 @@ from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.measuring import step_of
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.noise_judge import each_alone, joined
-from impactscope.discrepancy.driven.strangers import Group
+from impactscope.discrepancy.driven.strangers import Group, Shaped
 
 __all__ = ['channel_laws']
 
@@ -27,7 +27,9 @@ STAIRS = ('a step at zero', 'a dead band', 'a backlash')
 SMALL = 0.003  # of the largest reading
 BEYOND = 5.0  # times the noise: a reading that is one
 ONE_SIGN = 1e-4  # share of the power that the other sign may have
-RATIO = 0.1  # damping ratio of a resonance
+RESONANCE = 'a resonance or a notch'
+RATIO = 0.1  # damping ratio of a resonance, to begin with
+HIGHEST = 0.45  # of the rate, of its frequency
 MAINS = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
 
 
@@ -107,15 +109,28 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
         if len(echo) == len(outputs):
             yield Group('an echo', [column(echo)])
     longest = max(float(t[-1]) for t in times)
-    for turn in np.geomspace(2.0 / longest, 0.4 / chosen[0].period, RESONANCES):
-        b, a = signal.bilinear(
-            [1.0, 0.0],
-            [1.0, 4.0 * math.pi * RATIO * turn, (2.0 * math.pi * turn) ** 2],
-            1.0 / chosen[0].period,
-        )
-        ringing = [signal.lfilter(b, a, y) for y in outputs]
-        rest = [np.gradient(y) for y in ringing]
-        yield Group(f'a resonance or a notch near {turn:.3g} Hz', [column(ringing), column(rest)])
+    for turn in np.geomspace(2.0 / longest, 0.4 / chosen[0].period, RESONANCES).tolist():
+        shape = np.log([turn, RATIO])
+        ring = partial(_ringing, outputs, chosen[0].period, column)
+        yield Group(RESONANCE, ring(shape), shaped=Shaped(tuple(shape.tolist()), ring, _told))
+
+
+def _ringing(
+    outputs: Sequence[Array],
+    period: float,
+    column: Callable[[Sequence[Array]], Array],
+    shape: Array,
+) -> list[Array]:
+    """What a resonance adds to readings, by the logarithms of its frequency and damping ratio."""
+    turn = 2.0 * math.pi * min(math.exp(shape[0]), HIGHEST / period)
+    ratio = math.exp(shape[1])
+    b, a = signal.bilinear([1.0, 0.0], [1.0, 2.0 * ratio * turn, turn**2], 1.0 / period)
+    ringing = [signal.lfilter(b, a, y) for y in outputs]
+    return [column(ringing), column([np.gradient(y) for y in ringing])]
+
+
+def _told(shape: Array) -> str:
+    return f'{RESONANCE} at {math.exp(shape[0]):.3g} Hz'
 
 
 def _contrasts(rows: Sequence[Array]) -> list[Array]:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, stats
+from scipy import linalg, optimize, stats
 
 from impactscope.discrepancy.driven.dispersion import levels_above, worth_of
 from impactscope.discrepancy.driven.fitting import Fit
@@ -45,7 +45,17 @@ BESIDE = (
     1e-4  # the same beside a finding: what the finding's own errors leave looks like a law, too
 )
 LONE, TOLD = 6, 4.0  # samples that may stand out, and the chi-square that each of them may tell
+LEAST_TO_SHAPE = 20.0  # worth of a law, from which its shape is sought further
+SHAPE_STEP, SHAPES = 0.2, 80  # first step, in logarithms, and shapes at most
 MARGIN = 10.0  # chi-square by which a law beyond the vocabulary must be the better explanation
+
+
+class Shaped(NamedTuple):
+    """A law by the logarithms of the numbers that shape it."""
+
+    start: tuple[float, ...]
+    columns: Callable[[Array], list[Array]]
+    law: Callable[[Array], str]
 
 
 class Group(NamedTuple):
@@ -54,6 +64,7 @@ class Group(NamedTuple):
     law: str
     columns: list[Array]
     looks: int = LOOKS  # independent laws of which it is the best; more than LOOKS where sought
+    shaped: Shaped | None = None  # where it goes on between the shapes that are tried first
 
 
 Laws = Callable[[Model, Fit, Sequence[Segment]], Iterator[Group]]
@@ -127,19 +138,18 @@ def strangers(
     here = tangent(model, made, segments)
     sizes = [s.measured.size for s in segments if not s.held_out]
     found: list[Stranger] = []
-    for law, columns, looks in laws(model, made, segments):
-        stack = np.stack(columns)
-        size = np.linalg.norm(stack, axis=1)
-        if not np.all(np.isfinite(size)) or not np.all(size > 0.0):
+    shapes: dict[str, tuple[float, Shaped]] = {}  # by the law, the best start
+    for law, columns, looks, shaped in laws(model, made, segments):
+        new = _stranger(here, sizes, law, columns, looks)
+        if new is None:
             continue
-        gain, rank, column = _gain(here, stack / size[:, None])
-        if rank > 0:
-            plain = gain
-            if Stranger(law, gain, rank, looks=looks).p_value < FALSE:
-                gain = min(_worth(here.residual, column, sizes), _of_many(here.residual, column))
-            new = Stranger(law, gain, rank, None, plain, looks)
-            best = all(new.worth > f.worth for f in found)
-            found.append(dataclasses.replace(new, column=column) if best else new)
+        found.append(_lighter(new, found))
+        if shaped is not None and new.worth > shapes.get(law, (0.0, shaped))[0]:
+            shapes[law] = new.worth, shaped
+    for worth, shaped in shapes.values():
+        if worth > LEAST_TO_SHAPE:
+            finer = _shaped(here, sizes, shaped)
+            found.extend(_lighter(f, found) for f in finer)
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     whitened = [innovations(segments[i], made.residuals[i]) for i in fitted]
     # an axis at rest hunts between two readings of a coarse encoder: a line of its own rounding
@@ -148,6 +158,51 @@ def strangers(
     if line is not None:
         found.append(line)
     return sorted(found, key=lambda s: -s.worth)
+
+
+def _stranger(
+    here: Tangent, sizes: Sequence[int], law: str, columns: Sequence[Array], looks: int
+) -> Stranger | None:
+    """A law beside a fit; None where it says nothing of its own."""
+    stack = np.stack(columns)
+    size = np.linalg.norm(stack, axis=1)
+    if not np.all(np.isfinite(size)) or not np.all(size > 0.0):
+        return None
+    gain, rank, column = _gain(here, stack / size[:, None])
+    if rank == 0:
+        return None
+    plain = gain
+    if Stranger(law, gain, rank, looks=looks).p_value < FALSE:
+        gain = min(_worth(here.residual, column, sizes), _of_many(here.residual, column))
+    return Stranger(law, gain, rank, column, plain, looks)
+
+
+def _lighter(new: Stranger, found: Sequence[Stranger]) -> Stranger:
+    """Without its column, which is large, where another is better."""
+    best = all(new.worth > f.worth for f in found)
+    return new if best else dataclasses.replace(new, column=None)
+
+
+def _shaped(here: Tangent, sizes: Sequence[int], shaped: Shaped) -> list[Stranger]:
+    """The law at the shape that takes most away, from a start near it."""
+
+    def left(shape: Array) -> float:
+        new = _stranger(here, sizes, '', shaped.columns(shape), LOOKS)
+        return 0.0 if new is None else -(new.plain or 0.0)
+
+    start = np.array(shaped.start)
+    corners = np.vstack([start, start + SHAPE_STEP * np.eye(start.size)])
+    best = optimize.minimize(
+        left,
+        start,
+        method='Nelder-Mead',
+        options={'initial_simplex': corners, 'maxfev': SHAPES, 'xatol': 1e-3, 'fatol': 0.1},
+    ).x
+    new = _stranger(here, sizes, shaped.law(best), shaped.columns(best), LOOKS)
+    if new is None:
+        return []
+    # what was sought is as good as further numbers
+    return [dataclasses.replace(new, numbers=new.numbers + start.size)]
 
 
 def _of_many(residual: Array, column: Array) -> float:
