@@ -276,3 +276,4 @@ def test_a_sensor_that_rings_is_not_in_the_library(frequency, ratio):
     assert answer.accepted == ('unknown',)
     told = float(answer.unexplained_description.split('resonance or a notch at ')[1].split()[0])
     assert told == pytest.approx(frequency, rel=0.1)
+    assert answer.model['baseline'] == []  # what stands in for it is no part of a simulation

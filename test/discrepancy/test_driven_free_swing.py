@@ -32,15 +32,17 @@ def swing(begin, seed):
 
 
 @functools.cache
-def answer(**sensor):
+def answer(step=0.0, unit='m', **sensor):
+    channel = CHANNEL if unit == 'm' else 'angle.boom'
     channels, entries = {}, []
     for i, begin in enumerate((0.1, 0.06, 0.08)):
         file = f'r{i}.mcap'
         entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
-        channels[file] = {CHANNEL: ChannelSamples(CHANNEL, 'm', RATE, 0.0, swing(begin, i))}
+        values = step * np.rint(swing(begin, i) / step) if step else swing(begin, i)
+        channels[file] = {channel: ChannelSamples(channel, unit, RATE, 0.0, values)}
     whole = {
         'version': 1,
-        'bench': {'kind': 'driven', 'input': 'none', 'outputs': [CHANNEL]},
+        'bench': {'kind': 'driven', 'input': 'none', 'outputs': [channel]},
         'sensor': sensor,
         'baseline': ['linear_sensor'],
         'recordings': entries,
@@ -84,6 +86,11 @@ def test_a_stated_number_is_held_against_the_mass(name):
     assert finding.parameters['ratio'].value == pytest.approx(1.0 / 1.2, rel=0.02)
     assert 'over' in finding.sentence
     assert wrong.model['corrected'][f'sensor.{name}'] == pytest.approx(true, rel=0.02)
+
+
+@pytest.mark.parametrize(('unit', 'steps'), [('m', ('quantisation',)), ('rad', ())])
+def test_steps_of_what_reads_an_angle_are_its_noise(unit, steps):
+    assert answer(4e-5, unit).accepted == ('quadratic_damping', *steps)
 
 
 class Stated(dict):

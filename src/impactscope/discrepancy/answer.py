@@ -102,6 +102,13 @@ class FitTable:
     extended: FitFigures = FitFigures()
     noise_floor: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def loses(self) -> bool:
+        """Whether the extended model predicts what was held out worse than the baseline."""
+        return (
+            self.extended.held_out_reduced_chi_square > self.baseline.held_out_reduced_chi_square
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:

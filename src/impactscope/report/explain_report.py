@@ -87,7 +87,7 @@ def _verdict(answer: Answer) -> str:
     if answer.unexplained and set(answer.accepted) - {'unknown'}:
         return 'Something is missing, and not all of it is known here.'
     if answer.unexplained:
-        return 'Something is missing that is not known here.'
+        return 'Not known here.'
     if set(answer.accepted) <= {'wrong_parameter'}:
         return 'A number of the simulation is wrong.'
     return 'Something is missing.'
@@ -103,7 +103,8 @@ def _small(p_value: float) -> str:
 
 def _finding(finding: Finding) -> _Finding:
     place = ' '.join(p for p in (finding.channel, finding.recording) if p)
-    title = _words(finding.name) + (f', {place}' if place else '')
+    words = _words(finding.name)
+    title = words[:1].upper() + words[1:] + (f', {place}' if place else '')
     rows = []
     for name, item in finding.parameters.items():
         if isinstance(item.value, str):
@@ -145,12 +146,18 @@ def _region(region: Region) -> tuple[str, ...]:
     return (
         region.recording,
         region.channel,
-        _words(region.phase),
+        _words(region.phase) or '-',
         f'{region.start_s:z.4f} to {region.end_s:z.4f}',
         band,
         format_number(region.ratio, 3),
-        region.state or '-',
+        _state(region.state),
     )
+
+
+def _state(words: str) -> str:
+    """What a residual goes with, and by how much, for a narrow column."""
+    share, goes, law = words.partition(' of the residual goes with its ')
+    return f'{law}, {share}' if goes else words or '-'
 
 
 def _frequency(value: float) -> str:

@@ -42,10 +42,13 @@ def describe(s: Subject) -> Answer:
     wrong = wrong_parameters(s)
     findings[len(accepted) : len(accepted)] = wrong
     accepted += [f.name for f in wrong]
+    instead = s.verdict is not None and s.verdict.left and s.verdict.instead
+    if instead and table(s, base, final).loses:
+        final = base
     unexplained, sentence = left_over(s, base, final)
     if s.verdict is not None and s.verdict.left:
         unknown = unknown_finding(s.verdict)
-        if s.verdict.instead:
+        if instead:
             findings.insert(0, unknown)
             accepted = ['unknown', *(f.name for f in (*steps, *wrong))]
             named = set(accepted)
@@ -82,11 +85,22 @@ def describe(s: Subject) -> Answer:
         next_tests=tests,
         baseline=s.campaign.baseline_names,
         baseline_parameters=_estimates(s, base, units),
-        extended_parameters=_estimates(s, s.outcome.best if s.modes is None else base, units),
-        model=_saved(s, new, wrong),
-        notes=(*s.notes, *(() if unexplained or not sentence else (sentence,))),
+        extended_parameters=_estimates(s, final if s.modes is None else base, units),
+        model=_saved(s, () if instead else new, wrong),
+        notes=(
+            *s.notes,
+            *(() if unexplained or not sentence else (sentence,)),
+            *(_in_its_place(new) if instead and final is not base else ()),
+        ),
         traces=traces(s, base, final),
     )
+
+
+def _in_its_place(stand_ins: Sequence[Term]) -> tuple[str, ...]:
+    names = ', '.join(dict.fromkeys(t.name for t in stand_ins))
+    if not names:
+        return ()
+    return (f'The extended model has {names} in the place of what is not known: no finding.',)
 
 
 def _modest(finding: Finding, most: float) -> Finding:

@@ -47,7 +47,7 @@ def unknown_finding(verdict: Verdict) -> Finding:
         sentence=(
             f'Something is missing that is not in the library; it goes like {stranger.law}.'
         ),
-        source='laws beyond the library, each acting as a small force on the fitted plate',
+        source='laws beyond the library, each as a small change beside the fit',
         evidence=stranger.gain,
     )
 

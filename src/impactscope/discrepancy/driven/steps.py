@@ -17,6 +17,7 @@ from impactscope.discrepancy.evidence import quantisation_step
 __all__ = ['STEPS', 'rounding', 'steps_found']
 
 STEPS = 25.0  # chi-square of rounding from which steps are named
+ANGLE = 'rad'
 
 
 def steps_found(s: Subject, final: Fit) -> list[Finding]:
@@ -44,6 +45,8 @@ def rounding(s: Subject) -> dict[str, tuple[Segment, float, float]]:
         if commanded and channel.startswith('displacement'):
             continue  # the encoder of an axis: its steps are its noise
         fitted = [x for x in s.segments if not x.held_out and x.channel == channel]
+        if any(x.unit == ANGLE for x in fitted):
+            continue  # what reads an angle is an encoder, too
         steps = [step_of(x.measured) for x in fitted]
         if not steps or min(steps) <= 0.0 or max(steps) > 1.01 * min(steps):
             continue

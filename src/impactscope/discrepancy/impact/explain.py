@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -21,6 +22,7 @@ from impactscope.discrepancy.evidence import Thresholds
 from impactscope.discrepancy.impact.adequacy import TESTED, Adequacy, adequacy, law_instead
 from impactscope.discrepancy.impact.another_cut import with_later_cuts
 from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.conventions import (
     conventions_told,
     other_conventions,
@@ -226,8 +228,9 @@ def _answer(
         baseline=campaign.baseline_names,
         baseline_parameters=fitted_numbers(outcome.baseline),
         extended_parameters=fitted_numbers(outcome.final),
-        model=saved_model(campaign, outcome, accepted),
+        model=_saved(campaign, outcome, unexplained),
         notes=(
+            *(_in_its_place(accepted) if unexplained else ()),
             *campaign.notes,
             *data.notes,
             *conventions_told(outcome.final.model),
@@ -236,6 +239,20 @@ def _answer(
         ),
         traces=traces,
     )
+
+
+def _saved(campaign: Campaign, outcome: Outcome, unexplained: bool) -> dict[str, object]:
+    """The baseline of a next search; what stands in for the unknown is no part of it."""
+    if unexplained:
+        outcome = dataclasses.replace(outcome, final=outcome.baseline)
+    return saved_model(campaign, outcome, () if unexplained else outcome.accepted)
+
+
+def _in_its_place(stand_ins: Sequence[Candidate]) -> tuple[str, ...]:
+    names = ', '.join(dict.fromkeys(c.name for c in stand_ins))
+    if not names:
+        return ()
+    return (f'The extended model has {names} in the place of what is not known: no finding.',)
 
 
 # --- decisions -----------------------------------------------------------------------------------
