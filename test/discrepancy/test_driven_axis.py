@@ -90,6 +90,7 @@ def closed_loop(
     wander=0.0,
     keep=0.97,
     smooth=0.0,
+    shaky=0.0,
 ):
     rng = np.random.default_rng(seed)
     channels, entries = {}, []
@@ -108,6 +109,8 @@ def closed_loop(
             positions = positions + wander * slow[3000:]
         time = np.arange(forces.size) / RATE
         forces = forces + hum * np.sin(2.0 * np.pi * 50.05 * time + rng.uniform(0.0, 6.0))
+        if shaky:
+            forces = forces + rng.normal(scale=shaky, size=forces.size)
         entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
         channels[file] = {
             n: ChannelSamples(n, u, RATE, 0.0, samples)
@@ -158,6 +161,15 @@ def test_dry_friction_of_an_axis():
     assert abs(force.value - 12.0) < 4.0 * force.std + 0.01
     floor = answer.fit.noise_floor['displacement.axis']
     assert answer.fit.extended.held_out_rmse['displacement.axis'] < 1.5 * floor
+
+
+def test_a_force_that_is_measured_though_it_is_commanded():
+    """Its noise adds up to far more than the encoder's steps, and is no effect."""
+    answer = explain_driven(closed_loop(4, shaky=0.1))
+    assert answer.accepted == ()
+    assert any('force has noise' in note for note in answer.notes)
+    mass = answer.extended_parameters['mass']
+    assert abs(mass.value - MASS) < 4.0 * mass.std
 
 
 def test_the_weight_of_a_vertical_axis():

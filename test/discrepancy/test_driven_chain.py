@@ -18,6 +18,7 @@ from impactscope.discrepancy.driven.measuring import (
     passed_on,
     power_passed,
 )
+from impactscope.discrepancy.explain import explain
 
 RATE, SAMPLES = 4000.0, 2400
 NOISES = 0.3, 0.1  # of input and output, m/s^2
@@ -277,3 +278,37 @@ def test_a_sensor_that_rings_is_not_in_the_library(frequency, ratio):
     told = float(answer.unexplained_description.split('resonance or a notch at ')[1].split()[0])
     assert told == pytest.approx(frequency, rel=0.1)
     assert answer.model['baseline'] == []  # what stands in for it is no part of a simulation
+
+
+def test_a_low_pass_without_delay_above_the_sampling_rate():
+    """It ran at a higher rate, before the samples were thinned out."""
+    cutoff = 7000.0
+    sections = signal.butter(1, cutoff, fs=16.0 * RATE, output='sos')
+    made = swept(lambda x: signal.sosfiltfilt(sections, x), (20.0, 50.0, 30.0, 40.0))
+    answer = explain(made)
+    assert answer.accepted == ('low_pass_filter',)
+    told = answer.findings[0].parameters
+    assert (told['order'].value, told['zero_phase'].value) == (1.0, 1.0)
+    assert abs(told['cutoff'].value - cutoff) < 4.0 * told['cutoff'].std < cutoff
+
+
+def swept(part, sizes, finer=16):
+    """Sweeps up to a third of the rate; ``part`` acts at ``finer`` times the rate."""
+    rng = np.random.default_rng(11)
+    entries, channels = [], {}
+    time = np.arange(SAMPLES * finer) / (RATE * finer)
+    for i, size in enumerate(sizes):
+        course = signal.chirp(time, 10.0, time[-1], RATE / 3.0, phi=90.0 * i)
+        true = size * signal.windows.tukey(time.size, 0.3) * course
+        ends = (true, part(true))
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == 3 else 'fit'})
+        channels[file] = {
+            name: ChannelSamples(
+                name, 'm/s^2', RATE, 0.0, y[::finer] + 0.05 * rng.standard_normal(SAMPLES)
+            )
+            for name, y in zip(('acceleration.raw', 'acceleration.processed'), ends, strict=True)
+        }
+    bench = {'kind': 'chain', 'input': 'acceleration.raw', 'output': 'acceleration.processed'}
+    data = {'version': 1, 'bench': bench, 'recordings': entries}
+    return parse_campaign(data).with_samples(channels.__getitem__)

@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.driven.channel_effects import channel_terms
 from impactscope.discrepancy.driven.exact_fits import _looked_at
-from impactscope.discrepancy.driven.findings import _among_forms, _other_delay
+from impactscope.discrepancy.driven.findings import _among_forms, _no_surer, _other_delay
 from impactscope.discrepancy.driven.looks import Prospect, _near
 
 
@@ -96,7 +97,15 @@ def test_filters_without_delay_are_looked_for_in_two_orders():
     found = [t.label for t in channel_terms('c', 'N', 1e3, 1.0, 0.1, 1.0) if _looked_at(t)]
     filters = {label for label in found if label.startswith('low_pass')}
     assert filters == {
-        f'low_pass_filter/{x}' for x in ('causal-2', 'zero-1', 'zero-2', 'analogue-2')
+        f'low_pass_filter/{x}'
+        for x in (
+            'causal-2',
+            'zero-1',
+            'zero-2',
+            'analogue-2',
+            'analogue_zero-1',
+            'analogue_zero-2',
+        )
     }
 
 
@@ -106,3 +115,9 @@ def test_a_start_that_spoils_more_than_its_shape_may_bring_comes_last():
     weak = Prospect(term, {}, gain=40.0, as_is=-20.0)
     right = Prospect(term, {}, gain=30.0, as_is=25.0)
     assert sorted([strong, right, weak], key=_near, reverse=True) == [right, weak, strong]
+
+
+def test_an_amount_is_no_surer_than_that_there_is_any():
+    amount = ParameterEstimate(2.0, 0.01, 'N')
+    assert _no_surer(amount, 25.0) == ParameterEstimate(2.0, 0.4, 'N')
+    assert _no_surer(amount, 1e6) == amount

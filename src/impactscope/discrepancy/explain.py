@@ -21,6 +21,7 @@ __all__ = ['explain']
 FILTERS_DELAY = 1.6  # samples, of a filter of order 8 whose cut-off is half the rate
 _CUT_SHORT = ' Not all that is known here was tried for it: the time was over.'
 DRIFTS = 3.0  # standard deviations
+THINNED = 10.0  # times the rate, at which a filter of samples may have run
 
 
 def _silent(share: float, text: str) -> None:
@@ -80,7 +81,7 @@ def _as_far_as_known(finding: Finding, campaign: Campaign) -> Finding:
     A filter that may as well be a delay shows nothing else: its cut-off is known to be high and
     has no interval. And nobody knows whether a filter was an analogue one or one of samples: the
     two differ by (pi f / f_s)^2 / 3 of the cut-off, by how the bilinear transform bends time. From
-    half the sampling rate on it can only be an analogue one.
+    half the sampling rate on it is an analogue one, or one of samples that were thinned out later.
     """
     if finding.name != 'low_pass_filter' or 'cutoff' not in finding.parameters:
         return finding
@@ -94,7 +95,8 @@ def _as_far_as_known(finding: Finding, campaign: Campaign) -> Finding:
     if 'clock_error' not in finding.confused_with and rates:
         value = float(cutoff.value)
         turns = value / min(rates)
-        bent = value * (math.pi * turns) ** 2 / 3.0 if turns < 0.5 else 0.0
+        turns = turns if turns < 0.5 else turns / THINNED
+        bent = value * (math.pi * turns) ** 2 / 3.0
         std = math.hypot(cutoff.std, bent / stats.norm.ppf(0.975))
     parameters = {**finding.parameters, 'cutoff': dataclasses.replace(cutoff, std=std)}
     return dataclasses.replace(finding, parameters=parameters)

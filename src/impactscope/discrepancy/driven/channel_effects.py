@@ -11,6 +11,7 @@ from impactscope.discrepancy.driven.terms import Number, Term
 __all__ = ['MAINS', 'ORDERS', 'channel_terms']
 
 ORDERS = (1, 2, 3, 4, 5, 6, 7, 8)
+ORDERS_SEEN_FROM_FAR = (1, 2)  # of filters without delay, from far below the cut-off
 MAINS = (50.0, 60.0)  # Hz
 HARMONICS = (2, 3)
 CLOCKS = 1e-3  # largest drift of a clock that is looked for
@@ -120,6 +121,21 @@ def channel_terms(
             source='ISO 6487; SAE J211-1',
         )
         for order in ORDERS
+    ]
+    found += [
+        term(
+            'low_pass_filter',
+            f'analogue_zero-{order}',
+            (
+                f'A low-pass of order {order} that runs forwards and backwards stands before the '
+                'samples are taken.',
+                f'Butterworth of order {order}, forwards and backwards, before sampling',
+                'a hard tap, beside an unfiltered channel',
+            ),
+            Number('cutoff', 'Hz', far, 100.0, 0.2 * rate, 10.0 * rate),
+            source='ISO 6487; SAE J211-1',
+        )
+        for order in ORDERS_SEEN_FROM_FAR
     ]
     coupled = (
         'The channel is AC coupled: slow signals fade.',

@@ -221,6 +221,10 @@ def _finding(
         cutoff = parameters['cutoff']
         std = math.hypot(cutoff.std, _among_forms(s, term, made))
         parameters['cutoff'] = dataclasses.replace(cutoff, std=std)
+    if len(term.amounts) == 1 and gain.fitted > 0.0:
+        name = term.amounts[0]
+        if name in parameters:
+            parameters[name] = _no_surer(parameters[name], gain.fitted)
     hum = hum_in_force(s, term, made)
     if hum is not None:
         parameters['amplitude'], channel = hum, str(s.campaign.bench['input'])
@@ -238,6 +242,15 @@ def _finding(
         evidence=gain.fitted,
         held_out_gain=gain.held_out if s.judge.has_held_out else math.nan,
     )
+
+
+def _no_surer(amount: ParameterEstimate, gain: float) -> ParameterEstimate:
+    """An amount that is known no better than that there is any of it.
+
+    Where a mass sticks and slips slopes are steep here and there, and tell too much.
+    """
+    least = abs(float(amount.value)) / math.sqrt(gain)
+    return dataclasses.replace(amount, std=max(amount.std, least))
 
 
 def _among_forms(s: Subject, term: Term, made: Fit) -> float:

@@ -46,7 +46,7 @@ FINE = 8  # between samples, before a spline retimes a broad signal
 def filter_of(term: Term) -> tuple[int, bool]:
     """Order and whether it runs forwards and backwards, of a low-pass among the candidates."""
     kind, _, order = term.variant.partition('-')
-    return int(order.partition('@')[0]), kind == 'zero'
+    return int(order.partition('@')[0]), kind.endswith('zero')
 
 
 def before_sampling(term: Term) -> bool:
@@ -137,13 +137,17 @@ def _analogue(order: int, cutoff: float, length: int, rate: float) -> NDArray[np
     return np.asarray(1.0 / np.polyval(below, turn), np.complex128)
 
 
-def _passed_before(order: int, cutoff: float, samples: Array, rate: float) -> Array:
-    """Samples behind an analogue low-pass, band-limited; any cut-off, also above half the rate."""
+def _passed_before(order: int, cutoff: float, samples: Array, rate: float, *, both: bool) -> Array:
+    """Samples behind an analogue low-pass, band-limited; any cut-off, also above half the rate.
+
+    ``both``: forwards and backwards.
+    """
     n, pad = samples.size, min(samples.size, 64 + int(order * rate / cutoff))
     spectrum, length = _spectrum_of_held(samples, pad)
-    return np.asarray(
-        np.fft.irfft(spectrum * _analogue(order, cutoff, length, rate), length)[pad : pad + n]
-    )
+    response = _analogue(order, cutoff, length, rate)
+    if both:
+        response = np.abs(response) ** 2
+    return np.asarray(np.fft.irfft(spectrum * response, length)[pad : pad + n])
 
 
 def _filtered(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
@@ -151,7 +155,7 @@ def _filtered(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
     if not 0.0 < cutoff < _highest(term) * rate:
         return samples
     if before_sampling(term):
-        return _passed_before(order, cutoff, samples, rate)
+        return _passed_before(order, cutoff, samples, rate, both=both)
     sections = _low_pass(order, cutoff, rate)
     if both:
         return np.asarray(signal.sosfiltfilt(sections, samples))
@@ -330,7 +334,7 @@ def power_passed(
             order, both = filter_of(term)
             cutoff = values[f'{term.label}.cutoff']
             if before_sampling(term):
-                share *= 1.0 / (1.0 + (frequency / cutoff) ** (2 * order))
+                share *= (1.0 + (frequency / cutoff) ** (2 * order)) ** (-2.0 if both else -1.0)
             elif 0.0 < cutoff < 0.5 * rate:
                 _, h = signal.sosfreqz(_low_pass(order, cutoff, rate), frequency, fs=rate)
                 share *= np.abs(h) ** (4 if both else 2)

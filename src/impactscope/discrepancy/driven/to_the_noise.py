@@ -25,12 +25,14 @@ from impactscope.discrepancy.driven.case import Case
 from impactscope.discrepancy.driven.chain import ChainModel, chain_case
 from impactscope.discrepancy.driven.describe import describe
 from impactscope.discrepancy.driven.exact import exact_search
+from impactscope.discrepancy.driven.exact_fits import labels_of
 from impactscope.discrepancy.driven.fitting import Fit, fit
 from impactscope.discrepancy.driven.looks import looks, prospects
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment
 from impactscope.discrepancy.driven.more_than_noise import LARGER, SURE, more_than_noise
 from impactscope.discrepancy.driven.moved import moved_case
 from impactscope.discrepancy.driven.noise_judge import OWN, PRICE, priced, reduced
+from impactscope.discrepancy.driven.noisy_force import knowing_noise_of_the_force
 from impactscope.discrepancy.driven.plate import plate_under_hammer
 from impactscope.discrepancy.driven.recordings import Cut, cuts
 from impactscope.discrepancy.driven.search import Outcome
@@ -62,6 +64,10 @@ HOPELESS = 8.0  # reduced chi-square that no better knowledge of the noise bring
 REPEATS = 2  # searches with noise that is known better
 SLOW_NOISE = (
     'The noise of the output is not white: it falls with the frequency, and samples count by what '
+    'they tell beyond those before.'
+)
+NOISE_OF_THE_FORCE = (
+    'The recorded force has noise of its own, which the motion adds up: samples count by what '
     'they tell beyond those before.'
 )
 COLOURS = 2  # searches with noise of a colour
@@ -165,11 +171,36 @@ def mass_answer(
     def anew(before: Case, found: Fit) -> Case | None:
         return shaken_case(whole, model, segments, linear, held=held, found=(before, found))
 
-    answer, sure = _repeated(campaign, case, anew, notes, tell, seed)
+    answer, outcome, sure = _repeated(campaign, case, anew, notes, tell, seed)
+    if held and (answer.unexplained or not sure) and lasts('noise of the force'):
+        noisy = _with_noise_of_the_force(campaign, case, outcome.best, whole, notes, tell)
+        if noisy is not None:
+            return noisy, True
     # on real machines what stands beside the findings is an error of the model; an axis that is
     # explained to its noise is none of these
     beside = 'unknown' in answer.accepted and len(answer.accepted) > 1
     return answer, sure and (case.model.drifts or not beside)
+
+
+def _with_noise_of_the_force(
+    campaign: Campaign,
+    case: Case,
+    made: Fit,
+    parts: Sequence[Cut],
+    notes: Sequence[str],
+    tell: Progress,
+) -> Answer | None:
+    """The answer where a force that was taken for exact has noise; None if that is not all."""
+    told = (*notes, NOISE_OF_THE_FORCE)
+    for _ in range(REPEATS):
+        noisy = knowing_noise_of_the_force(case, made, parts) if case.model.drifts else None
+        if noisy is None:
+            return None
+        answer, outcome, _ = _exact(campaign, noisy, told, tell)
+        if labels_of(outcome.best.terms) == labels_of(made.terms):
+            break
+        made = outcome.best
+    return None if answer.unexplained else answer
 
 
 def motion_answer(
@@ -188,7 +219,7 @@ def motion_answer(
     def anew(before: Case, found: Fit) -> Case | None:
         return moved_case(whole, mass, before, found)
 
-    answer, sure = _repeated(campaign, case, anew, notes, tell)
+    answer, _, sure = _repeated(campaign, case, anew, notes, tell)
     return answer, sure and not _errs(answer)
 
 
@@ -208,7 +239,8 @@ def chain_answer(
     def anew(_: Case, found: Fit) -> Case | None:
         return chain_case(model, segments, linear, found)
 
-    return _repeated(campaign, case, anew, notes, tell)
+    answer, _, sure = _repeated(campaign, case, anew, notes, tell)
+    return answer, sure
 
 
 def _counting(case: Case) -> float:
@@ -335,7 +367,7 @@ def _repeated(
     notes: Sequence[str],
     tell: Progress,
     seed: Fit | None = None,
-) -> tuple[Answer, bool]:
+) -> tuple[Answer, Outcome, bool]:
     """The answer once the noise, judged ``anew`` by what was found, no longer changes."""
     answer, outcome, sure = _exact(campaign, case, notes, tell, 0.5, seed)
     erred = False
@@ -354,7 +386,7 @@ def _repeated(
             break
         case = again
         answer, outcome, sure = _exact(campaign, case, notes, tell, seed=outcome.best)
-    return answer, sure
+    return answer, outcome, sure
 
 
 def _alike(one: Case, other: Case) -> bool:
