@@ -25,6 +25,7 @@ _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole
 _RIVALS = 3  # that are
 _TIED = 8.0  # of the criterion, within which one explanation does as well as another
 _STARTS = 2  # of a relative
+_AS_STATED = 1.0  # standard deviations within which a number is the stated one
 _LOST = 2.0  # reduced chi-square, over that of a finding, of a fit that has lost its way
 _PROMISING = 0.5  # of a finding's gain, from which a relative is fitted jointly
 
@@ -47,11 +48,29 @@ def prune(
         progress(0.7 + 0.1 * len(done), f'without {candidate.label}')
         rest = [c for c in outcome.accepted if c is not candidate]
         kept = candidate.label in outcome.doubted
-        if rest and not kept and not _needed(outcome, candidate, rest, thresholds, window):
+        idle = rest and not kept
+        if idle and (
+            _as_stated(outcome.final, outcome.baseline.model, candidate)
+            or not _needed(outcome, candidate, rest, thresholds, window)
+        ):
             outcome.accepted.remove(candidate)
             outcome.final = with_findings(outcome, rest, outcome.final.layout)
             continue
         _swap(outcome, candidate, rest)
+
+
+def _as_stated(final: Fit, stated: ImpactModel, candidate: Candidate) -> bool:
+    """Whether a number that is said to be wrong is fitted as it was stated.
+
+    What it has gained came from elsewhere: a fit that had missed its minimum.
+    """
+    priors = {f.key: f.prior for f in stated.free}
+    prior = priors.get(candidate.parameter) if candidate.name == 'wrong_parameter' else None
+    if prior is None:
+        return False
+    mean, tolerance = prior
+    beside = math.hypot(final.std(candidate.parameter), tolerance)
+    return abs(final.values[candidate.parameter] - mean) < _AS_STATED * beside
 
 
 def _needed(

@@ -52,6 +52,7 @@ from impactscope.discrepancy.impact.workbench import Trial, Workbench
 from impactscope.discrepancy.patience import lasts
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
+from impactscope.physics.mechanisms.mechanism import Subsystem
 
 __all__ = ['Search']
 
@@ -62,6 +63,8 @@ WINDOWS = (0.04, 0.1, 0.25, math.inf)
 
 _LOOKED = (0.25,)  # windows in which is looked for weak effects, beside the last
 _MOST = 3  # findings
+_SURE = 4.0  # standard deviations of what is left
+_SWEPT = (-3.0, -2.0, -1.3, -0.7, 0.7, 1.3, 2.0, 3.0)  # standard deviations
 _AHEAD = 3  # candidates that are fitted jointly where only the way is sought
 _BEAM = 2  # first steps that are followed when none explains the recordings
 _FIRST = 0.012  # s after the onset from which fits grow
@@ -135,6 +138,8 @@ class Search:
                 # a shorter window knows less: it shall not lead away from what the whole one tells
                 current = dataclasses.replace(current, x=baseline.x)
             grown, until = _by_convention(current, outcome, reached, window)
+            if current.reduced <= QUIET and _worse(current, grown):
+                grown = _swept(current, grown, outcome)
             if until < window and detours:
                 # look where the misfit has only begun
                 detours -= 1
@@ -195,11 +200,11 @@ class Search:
                 outcome.tests = None
             if not outcome.accepted:
                 break
-            final = outcome.final
+            final = unsettled = outcome.final
             final = settled(fit(final.model, final.layout, final.x, near=final))
             best, outcome.modes = other_modes(final, outcome.accepted, self._rung(outcome))
             outcome.final = best if best is final else settled(best)
-            far = best.chi_square < final.chi_square - _LEAST_GAIN
+            far = best.chi_square < unsettled.chi_square - _LEAST_GAIN
             if not far or len(outcome.accepted) < 2:
                 break  # else beside numbers that were wrong a finding may have made up for them
         if outcome.accepted:
@@ -540,6 +545,39 @@ def _grown(current: Fit, reached: float, window: float) -> tuple[Fit, float]:
     if direct.reduced < QUIET * max(1.0, current.reduced):
         return direct, window
     return followed(current, reached, window, renew=False)
+
+
+def _worse(before: Fit, grown: Fit) -> bool:
+    """Whether what a longer window has beyond a shorter one is explained less well by far."""
+    further = grown.layout.size - before.layout.size
+    left = grown.chi_square - before.chi_square
+    usual = max(1.0, before.reduced)
+    return left > usual * (further + _SURE * math.sqrt(2.0 * max(further, 1)))
+
+
+def _swept(before: Fit, grown: Fit, outcome: Outcome) -> Fit:
+    """The fit of a longer window from amounts to either side of what a shorter one told.
+
+    When an impactor comes back is told by what pulls it. Where a shorter window leaves that open
+    by more than a contact lasts, no slope leads from one moment to the other.
+    """
+    keys = [f.key for f in before.model.free]
+    if keys != [f.key for f in grown.model.free]:
+        return grown
+    covariance, best = before.covariance(), grown
+    pulls = [c for c in outcome.accepted if c.subsystem == Subsystem.IMPACTOR.value]
+    amounts = {k for c in pulls for k in c.amplitudes if k in keys}
+    for j in (keys.index(k) for k in sorted(amounts)):
+        if not covariance[j, j] > 0.0:
+            continue
+        along = covariance[:, j] / math.sqrt(covariance[j, j])
+        for far in _SWEPT:
+            try:
+                made = fit(grown.model, grown.layout, before.x + far * along, iterations=12)
+            except ImpactscopeError:
+                continue
+            best = min(best, made, key=lambda f: f.chi_square)
+    return best
 
 
 def _near(found: Fit, window: float) -> Fit:

@@ -1,0 +1,78 @@
+"""An impactor that comes back long after the blow: when, tells what pulls it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.campaign import Campaign, ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
+from impactscope.discrepancy.explain import explain
+from impactscope.physics.pendulum import Orientation
+from impactscope.physics.twin.assembly import Effect, implied_effects
+from impactscope.physics.twin.bench import PAPER_LAYER, Bench, HammerTap, RobotBlow, Sensor
+from impactscope.physics.twin.simulate import simulate_at
+
+RATE, CONTACT = 2500.0, 0.1
+SPEEDS = (0.06, 0.10, 0.15, 0.12)
+MASS = 2.4
+
+
+def carts(seed: int, pull: float, duration: float, noise: float) -> Campaign:
+    """A tap, and carts that something pulls to the plate; the last blow is held out."""
+    rng = np.random.default_rng(seed)
+    noises = {'force': 0.5, 'acceleration.plate': noise, 'acceleration.impactor': noise}
+    layer = {
+        'parallel_stiffness': PAPER_LAYER.equilibrium_stiffness,
+        'branches': [
+            {'stiffness': b.stiffness, 'damping': b.viscosity} for b in PAPER_LAYER.branches
+        ],
+    }
+    entries: list[dict[str, object]] = [{'file': 'tap.mcap', 'kind': 'tap'}]
+    blows: list[HammerTap | RobotBlow] = [HammerTap(500.0, 0.0045)]
+    for i, speed in enumerate(SPEEDS):
+        role = 'hold_out' if i == len(SPEEDS) - 1 else 'fit'
+        entry = {'kind': 'robot', 'effective_mass': MASS, 'speed': speed, 'role': role}
+        entries.append({'file': f'cart{i}.mcap', **entry})
+        blows.append(RobotBlow(MASS, speed * (1.0 + 0.01 * rng.standard_normal()), push_force=0.0))
+    samples = {}
+    times = np.arange(round(duration * RATE)) / RATE
+    for entry, blow in zip(entries, blows, strict=True):
+        tapped = isinstance(blow, HammerTap)
+        damper = None if tapped else PAPER_LAYER
+        bench = Bench(Sensor(), damper=damper, orientation=Orientation.HORIZONTAL)
+        pulled = [] if tapped else [Effect('gravity_load', {'force': pull})]
+        acting = (*implied_effects(bench, blow), *pulled)
+        made = simulate_at(bench, blow, times, mechanisms=acting, contact_time=CONTACT)
+        samples[str(entry['file'])] = {
+            name: ChannelSamples(
+                name,
+                'N' if name == 'force' else 'm/s^2',
+                RATE,
+                0.0,
+                made[name] + std * rng.standard_normal(times.size),
+            )
+            for name, std in noises.items()
+            if not (tapped and name == 'acceleration.impactor')
+        }
+    data = {
+        'version': 1,
+        'bench': {'kind': 'impact', 'orientation': 'horizontal'},
+        'sensor': {'stiffness': {'value': 69000, 'std': 500, 'unit': 'N/m'}, 'moving_mass': None},
+        'damper': layer,
+        'gain_std': {'force': 0.003, 'acceleration': 0.005},
+        'baseline': ['linear_sensor', 'zener_damper', 'unilateral_contact'],
+        'recordings': entries,
+    }
+    return parse_campaign(data, 'carts').with_samples(samples.__getitem__)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('seed', 'pull', 'duration', 'noise'), [(1, 0.25, 1.5, 0.6), (3, 0.3, 1.3, 1.0)]
+)
+def test_a_weak_pull_that_brings_carts_back(seed, pull, duration, noise):
+    answer = explain(carts(seed, pull, duration, noise))
+    assert answer.accepted == ('gravity_load',)
+    force = answer.findings[0].parameters['force']
+    assert abs(force.value - pull) < 4.0 * force.std < 0.1 * pull
