@@ -7,7 +7,7 @@ form. SI units; times in s after a recording's first sample.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,6 +24,7 @@ __all__ = [
     'ParameterEstimate',
     'Region',
     'Trace',
+    'stand_ins_told',
 ]
 
 ANSWER_VERSION = 1
@@ -108,6 +109,14 @@ class FitTable:
         return (
             self.extended.held_out_reduced_chi_square > self.baseline.held_out_reduced_chi_square
         )
+
+
+def stand_ins_told(names: Iterable[str]) -> tuple[str, ...]:
+    """The note that some effects only stand in for an unknown one; none where there are none."""
+    told = ', '.join(dict.fromkeys(names))
+    if not told:
+        return ()
+    return (f'The extended model has {told} in the place of what is not known: no finding.',)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

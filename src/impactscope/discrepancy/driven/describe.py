@@ -7,7 +7,13 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from impactscope.discrepancy.answer import Answer, Finding, Mismatch, ParameterEstimate
+from impactscope.discrepancy.answer import (
+    Answer,
+    Finding,
+    Mismatch,
+    ParameterEstimate,
+    stand_ins_told,
+)
 from impactscope.discrepancy.driven.figures import left_over, p_value_of, places, table, traces
 from impactscope.discrepancy.driven.findings import (
     STATED,
@@ -90,17 +96,10 @@ def describe(s: Subject) -> Answer:
         notes=(
             *s.notes,
             *(() if unexplained or not sentence else (sentence,)),
-            *(_in_its_place(new) if instead and final is not base else ()),
+            *(stand_ins_told(t.name for t in new) if instead and final is not base else ()),
         ),
         traces=traces(s, base, final),
     )
-
-
-def _in_its_place(stand_ins: Sequence[Term]) -> tuple[str, ...]:
-    names = ', '.join(dict.fromkeys(t.name for t in stand_ins))
-    if not names:
-        return ()
-    return (f'The extended model has {names} in the place of what is not known: no finding.',)
 
 
 def _modest(finding: Finding, most: float) -> Finding:

@@ -16,13 +16,13 @@ from impactscope.discrepancy.answer import (
     Mismatch,
     ParameterEstimate,
     Region,
+    stand_ins_told,
 )
 from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.evidence import Thresholds
 from impactscope.discrepancy.impact.adequacy import TESTED, Adequacy, adequacy, law_instead
 from impactscope.discrepancy.impact.another_cut import with_later_cuts
 from impactscope.discrepancy.impact.baseline import baseline_model
-from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.conventions import (
     conventions_told,
     other_conventions,
@@ -230,7 +230,7 @@ def _answer(
         extended_parameters=fitted_numbers(outcome.final),
         model=_saved(campaign, outcome, unexplained),
         notes=(
-            *(_in_its_place(accepted) if unexplained else ()),
+            *(stand_ins_told(c.name for c in accepted) if unexplained else ()),
             *campaign.notes,
             *data.notes,
             *conventions_told(outcome.final.model),
@@ -246,13 +246,6 @@ def _saved(campaign: Campaign, outcome: Outcome, unexplained: bool) -> dict[str,
     if unexplained:
         outcome = dataclasses.replace(outcome, final=outcome.baseline)
     return saved_model(campaign, outcome, () if unexplained else outcome.accepted)
-
-
-def _in_its_place(stand_ins: Sequence[Candidate]) -> tuple[str, ...]:
-    names = ', '.join(dict.fromkeys(c.name for c in stand_ins))
-    if not names:
-        return ()
-    return (f'The extended model has {names} in the place of what is not known: no finding.',)
 
 
 # --- decisions -----------------------------------------------------------------------------------
