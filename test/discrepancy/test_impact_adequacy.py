@@ -98,3 +98,26 @@ def test_a_coloured_noise_is_known_no_better_than_the_quiet_tells_it(make_campai
                 louder[span] += np.sqrt(share) * more
         tests = _tested_fit(dataclasses.replace(fit, residuals=louder), laws=False)
         assert (tests.p_values['acceleration.impactor below 400 Hz'] < 1e-4) is told
+
+
+def test_what_rattles_after_a_blow_is_no_noise(make_campaign):
+    """A loose part leaves no course that could be followed, and makes a sensor noisier."""
+    plain = make_campaign(33)
+    sound = fitted(plain)
+    assert min(_louder_chances(sound).values()) > 0.001
+    rng = np.random.default_rng(5)
+
+    def rattling(place, values):
+        blow = sound.model.data.blows[place]
+        channel = blow.channels['acceleration.plate']
+        time = channel.time[0] + np.arange(values.size) / channel.sample_rate
+        loud = (time > blow.onset) & (time < blow.onset + 0.1)
+        return values + 0.8 * channel.noise * loud * rng.standard_normal(values.size)
+
+    chances = _louder_chances(fitted(changed(plain, 'acceleration.plate', rattling)))
+    assert chances['the noise of acceleration.plate after the blow'] < 1e-4
+    assert chances['the noise of force after the blow'] > 0.001
+
+
+def _louder_chances(fit: Fit) -> dict[str, float]:
+    return {k: p for k, p in adequacy(fit).p_values.items() if k.startswith('the noise of')}

@@ -38,6 +38,13 @@ def test_forces_vanish_at_rest_and_follow_the_motion():
         assert np.isfinite(force).all(), label
         if label.startswith(('damping with speed', 'fractional damping')):
             assert np.mean(force * v) > 0.0, label  # they take energy
+    both = [
+        forces[f'damping with speed to the power 2, {way} only'] for way in ('inwards', 'outwards')
+    ]
+    assert not np.any(both[0] * both[1])
+    np.testing.assert_allclose(
+        both[0] - both[1], forces['a push with speed to the power 2, either way']
+    )
     half = forces['fractional damping of order 0.5'][2000:3800]
     omega = 2 * np.pi * 32
     wanted = 0.01 * omega**0.5 * np.sin(omega * time[2000:3800] + np.pi / 4)

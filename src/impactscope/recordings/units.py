@@ -59,6 +59,7 @@ UNITS: dict[str, tuple[str, float]] = {
 _ALIASES = {'m/s2': 'm/s^2', 'm/s²': 'm/s^2', 'in': 'inch', 'Nm': 'N m', 'µm': 'um', '°': 'deg'}
 _ALIASES |= {'N*m': 'N m', 'N·m': 'N m', 'Nmm': 'mN m', 'N mm': 'mN m', '°/s': 'deg/s'}
 _ALIASES |= {'rad/s2': 'rad/s^2', 'rad/s²': 'rad/s^2', 'mm/s2': 'mm/s^2', 'mm/s²': 'mm/s^2'}
+_ALIASES |= dict.fromkeys(('count', 'counts', 'tick', 'ticks', 'LSB'), '1')
 _ALIASES |= {'μm': 'um', 'µs': 'us', 'μs': 'us', 'lbs': 'lbf', 'lb': 'lbf', 'G': 'g'}
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impactscope.discrepancy.campaign import Campaign, CampaignKind
 from impactscope.discrepancy.driven.chain import linear_chain
@@ -20,7 +21,7 @@ from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.oscillation import linear_oscillator, reversed_channels
 from impactscope.discrepancy.driven.prescribed import linear_prescribed
-from impactscope.discrepancy.driven.recordings import Cut, cuts
+from impactscope.discrepancy.driven.recordings import Cut, cuts, derivative_of
 from impactscope.discrepancy.driven.terms import Term
 from impactscope.errors import ConfigurationError
 
@@ -34,9 +35,12 @@ __all__ = [
     'sprung',
     'stated_modes',
     'with_known',
+    'with_rest_at_zero',
     'with_right_signs',
     'with_the_mass_alone',
 ]
+
+Array = NDArray[np.float64]
 
 FREE = ('', 'none', 'null')
 LINEAR = (
@@ -72,10 +76,6 @@ def linear_start(campaign: Campaign, notes: list[str]) -> Start:
     drive = '' if drive.lower() in FREE else drive
     parts = cuts(campaign, [str(name) for name in bench['outputs']], drive, notes)
     spring = sprung(campaign)
-    if not drive and not spring:
-        raise ConfigurationError(
-            f'{campaign.name}: a free motion without restoring force shows nothing'
-        )
     held = held_between_samples(campaign)
     return Start(parts, *linear_oscillator(parts, spring=spring, held=held))
 
@@ -158,6 +158,52 @@ def with_right_signs(campaign: Campaign) -> Campaign:
     )
     note = f'{", ".join(turned)}: the sign is opposite to that of {drive}; it is turned here.'
     return dataclasses.replace(campaign, recordings=recordings, notes=(*campaign.notes, note))
+
+
+def with_rest_at_zero(campaign: Campaign) -> Campaign:
+    """The campaign with a free swing's channels counted from their rest, and a note.
+
+    Only where no recording comes by the sensor's zero: an encoder's zero may be anywhere, and a
+    swing about anything else than its rest is none; nor does a speed or an acceleration swing
+    about another value than zero. What is a little off is found as such.
+    """
+    bench = campaign.bench
+    if campaign.kind is not CampaignKind.DRIVEN or str(bench.get('input', '')).lower() not in FREE:
+        return campaign
+    rests, notes = {}, []
+    for name in (str(n) for n in bench['outputs']):
+        swings = [r.channels[name] for r in campaign.recordings if name in r.channels]
+        swings = [c for c in swings if np.isfinite(c.values).any()]
+        ends = [(float(np.nanmin(c.values)), float(np.nanmax(c.values))) for c in swings]
+        if not ends or not (min(a for a, _ in ends) > 0.0 or max(b for _, b in ends) < 0.0):
+            continue
+        rest = _rest(min(swings, key=lambda c: float(np.nanstd(c.values))).values)
+        rests[name] = rest
+        about = f'{name} never comes by zero; it swings about {rest:.5g} {swings[0].unit}'
+        if derivative_of(swings[0].unit):
+            notes.append(f'{about}, which is taken for the zero of its sensor.')
+        else:
+            notes.append(f'{about}, from which it is counted.')
+    if not rests:
+        return campaign
+    recordings = tuple(
+        dataclasses.replace(
+            r,
+            channels={
+                n: dataclasses.replace(c, values=c.values - rests[n]) if n in rests else c
+                for n, c in r.channels.items()
+            },
+        )
+        for r in campaign.recordings
+    )
+    return dataclasses.replace(campaign, recordings=recordings, notes=(*campaign.notes, *notes))
+
+
+def _rest(values: Array) -> float:
+    """About where a swing that dies out comes to rest: the middle of its last half."""
+    last = values[np.isfinite(values)]
+    last = last[last.size // 2 :]
+    return 0.5 * float(np.min(last) + np.max(last))
 
 
 def held_between_samples(campaign: Campaign) -> bool:

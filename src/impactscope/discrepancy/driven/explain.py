@@ -13,6 +13,7 @@ from impactscope.discrepancy.driven.baseline import (
     linear_start,
     stated_modes,
     with_known,
+    with_rest_at_zero,
     with_right_signs,
     with_the_mass_alone,
 )
@@ -61,7 +62,7 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     """
     tell = progress or (lambda _share, _text: None)
     tell(0.02, 'fitting the baseline')
-    campaign = with_right_signs(with_the_mass_alone(campaign))
+    campaign = with_rest_at_zero(with_right_signs(with_the_mass_alone(campaign)))
     notes = list(campaign.notes)
     begun = linear_start(campaign, notes)
     parts, model, segments, linear = begun.parts, begun.model, begun.segments, begun.linear

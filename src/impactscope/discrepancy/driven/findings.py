@@ -19,7 +19,7 @@ from impactscope.discrepancy.driven.moved import MovedModel
 from impactscope.discrepancy.driven.noise_judge import BETWEEN, DELAYING
 from impactscope.discrepancy.driven.strangers import Verdict
 from impactscope.discrepancy.driven.subject import Subject
-from impactscope.discrepancy.driven.terms import Term, key
+from impactscope.discrepancy.driven.terms import Number, Term, key
 from impactscope.discrepancy.evidence import probabilities
 
 __all__ = ['STATED', 'findings_of', 'modal_finding', 'unknown_finding', 'wrong_parameters']
@@ -34,6 +34,7 @@ REFUSED = 0.5  # probability of what a criterion may like and the rule against c
 EXCESS = 0.2  # of friction at rest over that in motion, likewise
 ALIKE = 9.0  # chi-square that does not tell a delay's form
 HINT = 4.0  # chi-square a number that makes a richer rival more than a possibility
+AT_AN_END = 2e-3  # of a number's scale, from the end of what it may be
 SUSPECT = 4.0  # standard uncertainties between a stated and a fitted number
 
 
@@ -244,6 +245,10 @@ def _finding(
     )
 
 
+def _at_an_end(value: float, number: Number) -> bool:
+    return min(value - number.lower, number.upper - value) < AT_AN_END * number.scale
+
+
 def _no_surer(amount: ParameterEstimate, gain: float) -> ParameterEstimate:
     """An amount that is known no better than that there is any of it.
 
@@ -275,7 +280,12 @@ def _parameters(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimat
 def _numbers(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimate]:
     found = {
         n.name: ParameterEstimate(
-            made.values[key(term, n)], made.std.get(key(term, n), math.nan), n.unit
+            made.values[key(term, n)],
+            # at the end of what is possible a number is known from one side only
+            math.nan
+            if _at_an_end(made.values[key(term, n)], n)
+            else made.std.get(key(term, n), math.nan),
+            n.unit,
         )
         for n in term.numbers
     }

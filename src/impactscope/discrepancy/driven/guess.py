@@ -227,6 +227,8 @@ def position_ripple(segments: Sequence[Segment]) -> float | None:
         return None
     basis = np.linalg.qr(matrix / size)[0]
     left = target - basis @ (basis.T @ target)
+    if not float(left @ left) > 0.0:  # no force is measured
+        return None
     span = float(np.ptp(place))
     best = MOSTLY, math.nan
     for turns in np.arange(*RIPPLES):

@@ -18,6 +18,7 @@ from impactscope.discrepancy.driven.moved import MovedModel
 from impactscope.discrepancy.driven.noise_judge import innovations, slight
 from impactscope.discrepancy.driven.search import Outcome
 from impactscope.discrepancy.driven.strangers import Stranger, Verdict
+from impactscope.discrepancy.evidence import quantisation_step
 
 __all__ = ['LARGER', 'SURE', 'more_than_noise']
 
@@ -28,6 +29,9 @@ MUCH_LARGER = 1.0  # the same where the level of the noise is read from the same
 SURE = 6.0  # standard deviations of it
 STRETCH = 32  # samples in a row
 LOUD = 4.0  # times the noise, in power, that no such stretch has by chance
+STRETCHES = 16  # of a recording
+COMES = 4.0  # times as large as in the quiet
+IMPOSSIBLE = 4.0  # standard uncertainties below nothing
 MOST = 4.0  # times the noise: what a single sample may count, for some stand out alone
 
 
@@ -56,6 +60,9 @@ def more_than_noise(case: Case, outcome: Outcome, said: Verdict) -> Verdict:
             law = f'nothing that was tried; {s.recording} is left {chi_square / count:.3g} times'
             rest = Stranger(f'{law} its noise in power', chi_square - count, 1)
             return Verdict(True, alone, rest, 1.0)
+    doubt = _no_machine(best) or _comes_and_goes(case, best) if alone else ''
+    if doubt:
+        return Verdict(True, True, Stranger(f'nothing that was tried; {doubt}', 1e3, 1), 1.0)
     # an error of the force rings on; a filter's own errors stand where a blow begins
     if isinstance(case.model, OscillatorModel) or not alone:
         return said
@@ -63,6 +70,38 @@ def more_than_noise(case: Case, outcome: Outcome, said: Verdict) -> Verdict:
     if loudest[0] > LOUD:
         return Verdict(True, alone, Stranger(loudest[1], (loudest[0] - 1.0) * STRETCH, 1), 1.0)
     return said
+
+
+def _no_machine(made: Fit) -> str:
+    """What is impossible in the numbers of a linear model that is said to explain everything."""
+    for name in ('mass', 'damping'):
+        value, std = made.values.get(name, 0.0), made.std.get(name, math.inf)
+        if value < -IMPOSSIBLE * std:
+            return f'and the {name} that fits best is negative, {value:.4g} with {std:.2g}'
+    return ''
+
+
+def _comes_and_goes(case: Case, made: Fit) -> str:
+    """Where what is left is far larger than in the quiet of the same recording: no noise is.
+
+    By its changes from sample to sample, which are alike everywhere also in slow noise; readings
+    that rest on a step of the converter have none.
+    """
+    for s, left in zip(case.segments, made.residuals, strict=True):
+        if left.size < STRETCHES * STRETCH:
+            continue
+        step = quantisation_step(s.measured)
+        parts = np.array_split(np.diff(left), STRETCHES)
+        sizes = np.array([math.sqrt(float(np.mean(p**2))) for p in parts])
+        quiet = max(float(np.median(np.sort(sizes)[: STRETCHES // 4])), 0.5 * step)
+        place = int(np.argmax(sizes))
+        if sizes[place] > COMES * quiet:
+            begin = s.begin + s.period * sum(p.size for p in parts[:place])
+            return (
+                f'what is left of {s.recording} is {sizes[place] / quiet:.3g} times as large from '
+                f'{begin:.4g} to {begin + s.period * parts[place].size:.4g} s as where it is quiet'
+            )
+    return ''
 
 
 def _loudest(case: Case, made: Fit, index: int, usual: float) -> tuple[float, str]:

@@ -319,8 +319,10 @@ def _sizes(
         drive = cuts[i].drive
         if drive is not None:
             force = max(force, float(np.sqrt(np.mean(drive**2))))
-        else:
+        elif 'stiffness' in made.values:
             force = max(force, made.values['stiffness'] * float(np.sqrt(np.mean(x**2))))
+        else:  # what runs down is held back by its friction alone
+            force = max(force, abs(made.values['damping']) * float(np.max(np.abs(v))))
     position, speed, force = position or 1.0, speed or 1.0, force or 1.0
     stiffness = made.values.get('stiffness', force / position)
     return Sizes(

@@ -177,8 +177,17 @@ def linear_prescribed(
     level = float(np.sqrt(np.mean(force**2))) or 1.0
     first = 0 if spring else 1
     linear = np.linalg.lstsq((motion / rms[:, None])[first:].T, force, rcond=None)[0] / rms[first:]
+    # no mass is less than none; a force that counts the other way turns all signs
+    taken = float(np.sum(force * motion[1]))
+    no_less = {'lower': 0.0} if taken >= 0.0 else {'upper': 0.0}
     numbers = tuple(
-        Number(name, unit, (float(value),), level / float(size))
+        Number(
+            name,
+            unit,
+            (float(value),),
+            level / float(size),
+            **(no_less if name == 'mass' else {}),
+        )
         for name, unit, value, size in zip(
             ('stiffness', 'damping', 'mass')[first:],
             (f'{f}/{x}', f'{f} s/{x}', 'kg' if (f, x) == ('N', 'm') else f'{f} s^2/{x}')[first:],

@@ -138,7 +138,7 @@ def prospects(
                 continue
             along = float(change @ residual)
             share = along * abs(along) / (length * power)
-            stretch = float(np.clip(along / length, *STRENGTHS)) if along > 0.0 else 1.0
+            stretch = float(np.clip(along / length, *STRENGTHS))
             if len(term.numbers) == 1 and not term.restart:
                 initial = {k: v * stretch for k, v in initial.items()}
             if best is None or share > best.share:
@@ -146,6 +146,16 @@ def prospects(
         if best is not None:
             found.append(best)
     return sorted(found, key=lambda p: -p.share)
+
+
+def _worth_a_fit(ordered: Sequence[_Prospect], effort: Effort) -> list[_Prospect]:
+    """The most promising candidates, and every law without numbers.
+
+    A law that stands in the place of another, as the sine of a weight in that of a spring, changes
+    everything at once: seen from the other law's best numbers it looks worse than it is.
+    """
+    first = list(ordered[: effort.tried])
+    return [*first, *(p for p in ordered[effort.tried :] if not p.term.numbers)]
 
 
 def _orthonormal(columns: Array) -> Array:
@@ -213,7 +223,7 @@ def search(
                 for t in model.terms
                 if len(t.numbers) <= room and all(t.stands_with(o) for o in base.terms)
             ]
-            for prospect in prospects(model, base, candidates, segments)[: effort.tried]:
+            for prospect in _worth_a_fit(prospects(model, base, candidates, segments), effort):
                 grown.append(fits.make(base, (*base.terms, prospect.term), prospect.initial))
                 if progress is not None:
                     share = len(grown) / (effort.tried * len(beam) + 1)
@@ -230,7 +240,7 @@ def search(
             judge.weights(f)
         grown = list({id(f): f for f in [*grown, *others]}.values())
         grown.sort(key=lambda f: judge.criterion(f, baseline))
-        beam = grown[: effort.beam]
+        beam = [*grown[: effort.beam], *_in_plainer_form(grown[: effort.beam], grown)]
         if _only_noise(beam[0], segments):
             break
         if depth > 0 and not any(judge.better(_best_parent(fits, f, judge), f) for f in beam):
@@ -350,6 +360,21 @@ def _siblings(
             values = {key(new, n): had.get(n.name, 0.0) for n in new.numbers}
             found.append((terms, values))
     return found
+
+
+def _in_plainer_form(kept: Sequence[Fit], grown: Sequence[Fit]) -> list[Fit]:
+    """The leading effects in the form with the fewest numbers, where no kept model has it.
+
+    A richer form stands in for whatever else is missing, and leaves no numbers for that.
+    """
+
+    def names(made: Fit) -> frozenset[str]:
+        return frozenset(t.name for t in made.terms)
+
+    same = [f for f in grown if names(f) == names(kept[0])]
+    plain = min(same, key=lambda f: f.added)
+    spared = plain.added < min(f.added for f in same if f in kept)
+    return [plain] if spared else []
 
 
 def _best_parent(fits: _Fits, child: Fit, judge: Judge) -> Fit:

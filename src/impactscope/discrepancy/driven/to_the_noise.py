@@ -71,6 +71,7 @@ NOISE_OF_THE_FORCE = (
     'they tell beyond those before.'
 )
 COLOURS = 2  # searches with noise of a colour
+MOSTLY_SLOW = 2.0  # times its changes from sample to sample: what is left is mostly slow
 PROSPECTS, STEPS = 4, 2  # effects that are fitted, each beside the best one before
 MOST_LOOKED_AT = 45_000  # samples of a plate far from its noise that are looked at so
 LEVEL = 0.02  # relative change of the noise's level that matters
@@ -148,6 +149,8 @@ def mass_answer(
     parts, model, segments, linear = begun.parts, begun.model, begun.segments, begun.linear
     if stated_modes(campaign) > 1 or not isinstance(model, OscillatorModel):
         return None, False
+    if not {'mass', 'stiffness'} & set(linear.values):
+        return None, False  # what runs down freely, a machine with a machine's errors
     notes = list(campaign.notes)
     channels = list(dict.fromkeys(p.channel for p in parts))
     whole = cuts(campaign, channels, parts[0].drive_channel, notes, MOST_OF_PLATE)
@@ -297,11 +300,28 @@ def _exact(
     white, (case, outcome, said) = case, best
     known = tuple(notes) if case is white else (*notes, SLOW_NOISE)
     said = more_than_noise(case, outcome, said)
+    if case is not white and outcome.best is outcome.baseline and not said.left:
+        known += _taken_for_slow_noise(case, outcome.best)
     tell(0.95 * share, 'describing')
     subject = Subject(
         campaign, case.model, case.segments, case.judge, outcome, None, known, case, said
     )
     return describe(subject), outcome, reduced(case.judge, outcome.best) < NOISE
+
+
+def _taken_for_slow_noise(case: Case, made: Fit) -> tuple[str, ...]:
+    """What else noise may be that is far larger than its changes from sample to sample."""
+    told = []
+    for s, left in zip(case.segments, made.residuals, strict=True):
+        size = float(np.sqrt(np.mean(left**2)))
+        if size > MOSTLY_SLOW * float(np.std(np.diff(left))):
+            told.append(f'{size:.3g} of {s.channel} in {s.recording}')
+    if not told:
+        return ()
+    return (
+        f'Taken for slow noise: {", ".join(told)}. An offset, a drift or a slow push would look '
+        'the same; a recording at rest tells them apart.',
+    )
 
 
 def _searched(

@@ -12,6 +12,8 @@ Laws that no mechanism here has, along the motion that was fitted: see :mod:`.la
 
 Colour: the power of what is left in bands of frequency, against white noise.
 
+Level: the power of what is left after a blow, at all frequencies, against the quiet before it.
+
 All count what is left in units of the noise as the residual itself shows it from sample to
 sample, so that a noise that is stated or estimated a little wrong is no finding.
 """
@@ -52,6 +54,9 @@ _FELT = 10.0  # norm of a weak effect
 _ALLOWED_ALONE = 0.015  # likewise, along one direction
 _BANDS = (60.0, 400.0)  # Hz, upper edges
 _BAND_LENGTH = 0.35  # s after the onset in which bands are looked at
+_QUIET = 2e-3  # s before the onset, up to which a channel is quiet
+_ROUNDED = 0.5  # of the noise: steps of a converter from which a quiet channel may stand still
+_LEAST_QUIET = 64  # samples
 _GROUP_PRICE = 2.0  # of chi-square, of each number of a law without a form of its own
 _LEAST_RANK = 1e-3  # of a further number's influence that the model's numbers leave of it
 
@@ -139,7 +144,46 @@ def _tested_fit(fit: Fit, laws: bool) -> Adequacy:
         if math.isfinite(quiet):  # the colour is known no better than the quiet tells it
             p_values[label] = float(stats.f.sf(power / (count + allowed), count, quiet))
         excess[label] = power - count
+    for label, (power, count, quiet) in _louder(fit, limited).items():
+        p_values[label] = float(stats.f.sf(power / (count * (1.0 + _ALLOWED**2)), count, quiet))
+        excess[label] = power - count
     return Adequacy(p_values, excess, law)
+
+
+def _louder(fit: Fit, residual: Array) -> dict[str, tuple[float, int, float]]:
+    """Power of what is left after the blows, by channel and stretch of time.
+
+    In units of the noise as the quiet before the blows has it; with the number of samples, and
+    that of the quiet ones. What rattles, squeaks or jars leaves no course that could be followed,
+    but it makes a sensor noisier than it was. Of white noise alone that the converter does not
+    round away before the blow.
+    """
+    found = {}
+    for name, spans in _by_channel(fit).items():
+        quiet = [
+            b.samples[b.time < fit.model.data.blows[i].onset - _QUIET]
+            for i in spans
+            if (b := fit.model.data.blows[i].channels[name]).colour is None
+            and b.step < _ROUNDED * b.noise
+        ]
+        quiet = [q for q in quiet if q.size >= _LEAST_QUIET and np.isfinite(q).all()]
+        if not quiet or name == 'acceleration.impactor':  # which moves before the blow, too
+            continue
+        sigma = next(iter(fit.model.data.blows[i].channels[name].noise for i in spans))
+        squares = [max(float(np.var(q)), float(np.var(np.diff(q))) / 2.0) * q.size for q in quiet]
+        count = sum(q.size for q in quiet)
+        level = max(sum(squares) / count / sigma**2, 1.0)
+        for label, late in (('after the blow', False), ('later', True)):
+            power, number = 0.0, 0
+            for i, span in spans.items():
+                blow = fit.model.data.blows[i]
+                time = blow.channels[name].centres[fit.layout.masks[i, name]]
+                stretch = (time > blow.onset + _SEGMENTS[-1]) == late
+                r = residual[span][stretch & (time > blow.settled)]
+                power, number = power + float(r @ r), number + r.size
+            if number >= _LEAST_QUIET:
+                found[f'the noise of {name} {label}'] = power / level, number, float(count)
+    return found
 
 
 def _laws(fit: Fit, weight: Array, left: Array, basis: Array) -> tuple[float, float, str]:

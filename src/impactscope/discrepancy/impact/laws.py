@@ -166,6 +166,9 @@ def law_forces(
     for power in (2.0, 3.0):
         label = f'a push with speed to the power {power:g}, either way'
         yield label, '', False, np.abs(w) ** power
+        for way, moving in (('inwards', w > 0.0), ('outwards', w < 0.0)):
+            label = f'damping with speed to the power {power:g}, {way} only'
+            yield label, '', False, s * np.abs(w) ** power * moving
     if contact is not None and np.any(contact):
         yield 'friction with the contact force', '', False, s * contact
         yield 'damping with the contact force', '', False, w * contact

@@ -23,6 +23,7 @@ from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.scene import LARGEST_FREQUENCY
 from impactscope.discrepancy.impact.workbench import Workbench
+from impactscope.discrepancy.patience import lasts
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
@@ -30,6 +31,7 @@ __all__ = ['other_modes', 'rung', 'widened']
 
 Array = NDArray[np.float64]
 
+_OTHER_VALUES = 'other values of what was found'
 _ALONE, _ALONE_FREQUENCY = (1.6,), (1.12,)  # factors on a number, to either side
 _ALONG, _ALONG_FREQUENCY = (1.6,), (1.7, 2.9)  # the same, the others moved along
 _BETTER = 0.1  # of chi-square
@@ -79,10 +81,14 @@ def other_modes(
     found = [final]
     for key in keys:
         for x in _starts(final, key):
+            if not lasts(_OTHER_VALUES):
+                break
             near = final if float(np.max(np.abs(x - final.x))) < _NEAR else None
             with contextlib.suppress(ImpactscopeError):
                 found.append(fit(final.model, final.layout, x, settled=0.1, near=near))
     for values in further:
+        if not lasts(_OTHER_VALUES):
+            break
         x = np.array(
             [f.to_inner(values.get(f.key, final.values[f.key])) for f in final.model.free]
         )

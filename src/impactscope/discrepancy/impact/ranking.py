@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from impactscope.discrepancy.answer import Finding, ParameterEstimate
 from impactscope.discrepancy.evidence import Thresholds, probabilities
 from impactscope.discrepancy.impact.candidate import Candidate
+from impactscope.discrepancy.impact.clock_rate import with_rate
 from impactscope.discrepancy.impact.estimates import estimates, stated_value
 from impactscope.discrepancy.impact.fit import Fit
 from impactscope.discrepancy.impact.modes import widened
@@ -184,7 +185,7 @@ def _finding(
         name=candidate.name,
         probability=probability,
         subsystem=candidate.subsystem,
-        parameters=estimates(candidate, fitted),
+        parameters=estimates(candidate, with_rate(candidate, fitted)),
         confused_with=confused,
         channel=candidate.channel,
         recording=candidate.recording,

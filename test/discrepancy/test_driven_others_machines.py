@@ -1,0 +1,165 @@
+"""What recordings of machines that others built have taught."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
+from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.baseline import with_rest_at_zero
+from impactscope.discrepancy.driven.findings import _at_an_end
+from impactscope.discrepancy.driven.more_than_noise import _comes_and_goes, _no_machine
+from impactscope.discrepancy.driven.prescribed import linear_prescribed
+from impactscope.discrepancy.driven.recordings import Cut
+from impactscope.discrepancy.driven.search import _in_plainer_form
+from impactscope.discrepancy.driven.terms import Number
+from impactscope.recordings.units import to_si
+
+RATE = 200.0
+
+
+def free(recordings, channel, unit, baseline='linear_sensor'):
+    """A campaign of free motions; the last is held out."""
+    channels, entries = {}, []
+    for i, values in enumerate(recordings):
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == len(recordings) - 1 else 'fit'})
+        channels[file] = {channel: ChannelSamples(channel, unit, RATE, 0.0, values)}
+    whole = {
+        'version': 1,
+        'bench': {'kind': 'driven', 'input': 'none', 'outputs': [channel]},
+        'baseline': [baseline],
+        'recordings': entries,
+    }
+    return parse_campaign(whole, 'machine').with_samples(channels.__getitem__)
+
+
+def pendulum(begin, seconds=7.0):
+    time = np.arange(int(seconds * RATE)) / RATE
+    return solve_ivp(
+        lambda _t, y: (y[1], -64.0 * math.sin(y[0]) - 0.06 * y[1]),
+        (0.0, float(time[-1])),
+        (begin, 0.0),
+        t_eval=time,
+        rtol=1e-9,
+        atol=1e-11,
+    ).y
+
+
+def noise(size, scale, seed):
+    return scale * np.random.default_rng(seed).standard_normal(size)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('hangs', [0.0, math.pi])
+def test_a_wide_swing_goes_with_the_sine_wherever_the_encoder_has_its_zero(hangs):
+    begins = (1.6, 1.3, 1.45)
+    swings = [pendulum(b)[0] + hangs + noise(1400, 2e-3, i) for i, b in enumerate(begins)]
+    answer = explain_driven(free(swings, 'displacement.arm', 'rad'))
+    assert answer.accepted == ('restoring_force',)
+    assert answer.findings[0].parameters['stiffness'].value == pytest.approx(64.0, rel=2e-3)
+    assert any('swings about 3.1' in note for note in answer.notes) == (hangs > 0.0)
+
+
+def test_the_zero_of_a_speed_that_never_comes_by_zero_is_taken_away():
+    speeds = [pendulum(b, 4.0)[1] + 5.0 for b in (0.3, 0.2)]
+    campaign = with_rest_at_zero(free(speeds, 'velocity.gyro', 'rad/s'))
+    for r, speed in zip(campaign.recordings, speeds, strict=True):
+        left = speed - r.channels['velocity.gyro'].values
+        assert left == pytest.approx(5.0, abs=0.1)
+    assert 'the zero of its sensor' in campaign.notes[0]
+    crossing = free([pendulum(b, 4.0)[1] + 0.1 for b in (0.3, 0.2)], 'velocity.gyro', 'rad/s')
+    assert with_rest_at_zero(crossing) is crossing
+
+
+@pytest.mark.slow
+def test_a_wheel_that_runs_down_tells_its_friction():
+    time = np.arange(int(6.0 * RATE)) / RATE
+    drag, dry = 0.1, 1.4
+
+    def angle(speed):
+        fall = (1.0 - np.exp(-drag * time)) / drag
+        return speed * fall - dry * (time - fall) / drag
+
+    rolls = [angle(w) + noise(time.size, 0.02, i) for i, w in enumerate((28.0, 24.0, 20.0))]
+    answer = explain_driven(free(rolls, 'displacement.wheel', 'rad', 'linear_mass_damper'))
+    first = answer.findings[0]
+    assert {first.name, *first.confused_with} >= {'coulomb_friction', 'offset'}
+    amount = first.parameters.get('force') or first.parameters['value']
+    assert abs(abs(amount.value) - dry) < 4.0 * amount.std < 0.5 * dry
+
+
+def test_a_mass_is_never_less_than_none():
+    """Ramps one way through a layer that relaxes: by plain regression its mass is negative."""
+    time = np.arange(400) / 40.0
+    cuts = []
+    for speed in (1e-3, 5e-4, 2e-4):
+        x = speed * time
+        force = 2000.0 * x + 9.0 * (1.0 - np.exp(-x / 1e-3)) - 40.0 * np.gradient(x, 0.025)
+        force[:20] += 3.0 * np.exp(-np.arange(20) / 4.0)
+        cuts.append(
+            Cut('a', 'force.x', 'N', 'displacement.x', 'm', False, 0.0, 40.0, force, x, math.nan)
+        )
+    _, _, made = linear_prescribed(cuts)
+    assert made.values['mass'] >= 0.0
+    turned = [
+        Cut('a', 'force.x', 'N', 'displacement.x', 'm', False, 0.0, 40.0, -c.output, c.drive, 0.1)
+        for c in cuts
+    ]
+    assert linear_prescribed(turned)[2].values['mass'] <= 0.0
+
+
+def _left(parts, measured=None):
+    left = np.concatenate(parts)
+    shown = left if measured is None else measured
+    segment = SimpleNamespace(measured=shown, begin=0.0, period=0.01, recording='r.mcap')
+    return SimpleNamespace(segments=(segment,)), SimpleNamespace(residuals=(left,))
+
+
+def test_what_comes_and_goes_is_no_noise():
+    quiet, loud = noise(1500, 1.0, 0), noise(500, 6.0, 1)
+    assert '6.69 times as large from 17.5 to' in _comes_and_goes(*_left([quiet, loud]))
+    assert not _comes_and_goes(*_left([quiet, noise(500, 2.0, 1)]))
+    walk = np.cumsum(noise(3000, 1.0, 2))
+    assert not _comes_and_goes(*_left([walk]))  # slow noise is alike everywhere in its changes
+    # an encoder at rest shows the same value again and again
+    resting = np.concatenate([np.zeros(1500), np.rint(noise(500, 1.0, 3))])
+    assert not _comes_and_goes(*_left([resting], resting))
+
+
+def test_a_linear_model_with_impossible_numbers_explains_nothing():
+    sound = SimpleNamespace(values={'mass': 2.0, 'damping': -0.1}, std={'mass': 0.1, 'damping': 1})
+    assert not _no_machine(sound)
+    wrong = SimpleNamespace(values={'mass': 4e4, 'damping': -5e3}, std={'mass': 9, 'damping': 600})
+    assert 'damping' in _no_machine(wrong)
+
+
+def test_a_number_at_the_end_of_what_it_may_be_has_no_uncertainty():
+    number = Number('kinetic_force', 'N', (1.0,), 0.5, 0.0)
+    assert _at_an_end(1e-5, number)
+    assert not _at_an_end(0.1, number)
+    assert not _at_an_end(-3.0, Number('value', 'N', (1.0,), 0.5))
+
+
+def test_the_plain_form_of_the_leader_is_kept_beside_richer_ones():
+    def made(*labels, added):
+        names = tuple(SimpleNamespace(name=x.split('/')[0], label=x) for x in labels)
+        return SimpleNamespace(terms=names, added=added)
+
+    rich, other = made('friction/presliding', added=2), made('friction/speed', added=2)
+    plain, offset = made('friction', added=1), made('offset', added=1)
+    grown = [rich, other, offset, plain]
+    assert _in_plainer_form(grown[:2], grown) == [plain]
+    assert _in_plainer_form([rich, plain], grown) == []
+    assert _in_plainer_form([offset, rich], [offset, rich]) == []
+
+
+@pytest.mark.parametrize('unit', ['count', 'counts', 'ticks'])
+def test_raw_counts_are_a_unit(unit):
+    assert to_si(unit) == ('1', 1.0)
