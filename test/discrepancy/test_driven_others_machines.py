@@ -13,7 +13,7 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.baseline import with_rest_at_zero
-from impactscope.discrepancy.driven.findings import _at_an_end
+from impactscope.discrepancy.driven.findings import _at_an_end, _one_way
 from impactscope.discrepancy.driven.more_than_noise import _comes_and_goes, _no_machine
 from impactscope.discrepancy.driven.prescribed import linear_prescribed
 from impactscope.discrepancy.driven.recordings import Cut
@@ -106,8 +106,12 @@ def test_a_mass_is_never_less_than_none():
         cuts.append(
             Cut('a', 'force.x', 'N', 'displacement.x', 'm', False, 0.0, 40.0, force, x, math.nan)
         )
-    _, _, made = linear_prescribed(cuts)
+    model, _, made = linear_prescribed(cuts)
     assert made.values['mass'] >= 0.0
+    # and as it never comes back, friction may be a spring that softens
+    subject, friction = SimpleNamespace(model=model), SimpleNamespace(name='coulomb_friction')
+    assert 'softening_spring' in _one_way(subject, friction)
+    assert not _one_way(subject, SimpleNamespace(name='clearance'))
     turned = [
         Cut('a', 'force.x', 'N', 'displacement.x', 'm', False, 0.0, 40.0, -c.output, c.drive, 0.1)
         for c in cuts

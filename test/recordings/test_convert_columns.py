@@ -392,3 +392,32 @@ def test_uneven_times_are_refused_with_what_helps_and_resampled_where_asked(tmp_
 def test_resampling_needs_times():
     with pytest.raises(ConfigurationError, match='time column'):
         ColumnMapping((ColumnSpec('a', 0, 'V'),), sample_rate=10.0, resample=True)
+
+
+def test_columns_of_different_length_are_not_cut_to_their_common_tail(tmp_path):
+    file = tmp_path / 'pasted.txt'
+    head = [f'{k}\t{k}\t{k}\t{k}' for k in range(60)]
+    file.write_text('\n'.join([*head, *(f'{k}\t{k}' for k in range(200))]), encoding='utf-8')
+    with pytest.raises(RecordingError, match=r'lines 1 to 60 are rows of 4 numbers'):
+        read_columns(file)
+    assert read_columns(file, skip_rows=60).arrays[''].shape == (200, 2)
+
+
+def test_structures_and_cells_of_matlab_are_read_and_the_rest_is_told(tmp_path):
+    kind = [('Name', object), ('Data', object)]
+    channels = np.array([('"speed"', np.arange(5.0)), ('"duty"', -np.arange(5.0))], dtype=kind)
+    cells = np.empty(2, dtype=object)
+    cells[:] = [np.arange(3.0), np.ones((4, 2))]
+    cube = np.zeros((2, 3, 4))
+    file = tmp_path / 'd.mat'
+    scipy.io.savemat(file, {'Y': channels, 'runs': cells, 'cube': cube, 'note': 'text'})
+    found = read_columns(file)
+    np.testing.assert_array_equal(found.column('Y.speed.Data'), np.arange(5.0))
+    np.testing.assert_array_equal(found.column('Y.duty.Data'), -np.arange(5.0))
+    np.testing.assert_array_equal(found.column('runs{0}'), np.arange(3.0))
+    np.testing.assert_array_equal(found.column('runs{1}[1]'), np.ones(4))
+    assert describe(file)[-1] == 'passed over: cube (3 dimensions of float64)'
+    assert not any('note' in line for line in describe(file))
+    scipy.io.savemat(file, {'cube': cube})
+    with pytest.raises(RecordingError, match='no numeric variables: cube'):
+        read_columns(file)

@@ -66,12 +66,15 @@ def explain(
 
 
 def print_answer(answer: 'Answer') -> None:
-    """The short answer: what is missing, how sure, what it changes, what to measure next."""
+    """The short answer: what is missing, how sure, what it changes, what to measure next.
+
+    Numbers with their expanded uncertainty, k = 2.
+    """
     out.print(f'[bold]{escape(answer.summary())}[/bold]')
     for finding in answer.ranking[:5]:
         mark = 'found' if finding.name in answer.accepted else '     '
         values = ', '.join(
-            f'{name} {_value_of(item.value, item.std)} {item.unit}'.rstrip()
+            f'{name} {_value_of(item.value, item.std)} {_unit_of(item.unit)}'.rstrip()
             for name, item in finding.parameters.items()
         )
         out.print(
@@ -89,6 +92,10 @@ def _value_of(value: float | str, std: float) -> str:
     if isinstance(value, str):
         return value
     return f'{value:.4g}' if math.isnan(std) else f'{value:.4g} ± {2 * std:.2g}'
+
+
+def _unit_of(unit: str) -> str:
+    return '' if unit in ('text', 'bool', '1') else unit
 
 
 def _print_fit(answer: 'Answer') -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 from collections import Counter
 from collections.abc import Iterator
@@ -18,6 +19,8 @@ from impactscope.errors import ImpactscopeError, MissingChannelError, RecordingE
 
 __all__ = ['ColumnFile', 'describe', 'read_columns']
 
+_MOST_OF_A_HEAD = 20  # lines of several numbers in a header
+_MOST_ELEMENTS = 200  # of an array of structures or cells
 MOST_LISTED = 100  # columns of a lying table that are named one by one
 _DELIMITERS = (',', ';', '\t', '|')
 _NUMPY_MAGIC, _ZIP_MAGIC, _HDF5_MAGIC = b'\x93NUMPY', b'PK\x03\x04', b'\x89HDF'
@@ -36,6 +39,7 @@ class ColumnFile:
     arrays: dict[str, NDArray[np.float64]]
     names: tuple[str, ...] = ()
     first_row: int = 1  # line of the file on which the data begins
+    passed_over: tuple[str, ...] = ()  # variables that are no tables, and what they are
 
     def column(self, key: str | int) -> NDArray[np.float64]:
         """One column, shape (n_rows,).
@@ -53,7 +57,7 @@ class ColumnFile:
             elif key in self.arrays:
                 name, index = key, 0
             else:
-                name, _, rest = key.partition('[')
+                name, _, rest = key.rpartition('[')
                 index = int(rest[:-1]) if rest[:-1].isdecimal() and rest[-1:] == ']' else -1
         table = self.arrays.get(name)
         if table is None and isinstance(key, int) and len(self.arrays) == 1:
@@ -149,6 +153,7 @@ def _read_text(path: Path, skip_rows: int | None, delimiter: str | None) -> Colu
             if _numeric(fields) and len(fields) == widths[0][0]:
                 first = i
                 break
+        _refuse_ragged(path, lines[:first], first, delimiter)
     rows = [(i, line) for i, line in enumerate(lines[first:], first + 1) if line.strip()]
     if not rows:
         raise RecordingError(f'{path.name!r} has no rows of numbers after {first} header lines')
@@ -172,6 +177,21 @@ def _read_text(path: Path, skip_rows: int | None, delimiter: str | None) -> Colu
     return ColumnFile(path, {'': table}, names, rows[0][0])
 
 
+def _refuse_ragged(path: Path, head: list[str], first: int, delimiter: str | None) -> None:
+    """Refuse a head that is a table itself: columns of different length side by side."""
+    wide = [
+        (i, len(fields))
+        for i, fields in enumerate((_split(line, delimiter) for line in head), 1)
+        if len(fields) > 1 and _numeric(fields)
+    ]
+    if len(wide) > _MOST_OF_A_HEAD:
+        raise RecordingError(
+            f'{path.name!r}: lines {wide[0][0]} to {wide[-1][0]} are rows of {wide[0][1]} '
+            f'numbers, those from line {first + 1} on have another number of columns; cut all '
+            'columns to one length, or say how many lines to skip'
+        )
+
+
 def _read_json(path: Path) -> ColumnFile:
     content = json.loads(path.read_text(encoding='utf-8'))
     if isinstance(content, list):
@@ -188,29 +208,57 @@ def _read_json(path: Path) -> ColumnFile:
     return ColumnFile(path, arrays)
 
 
-def _matlab_variables(name: str, value: Any) -> Iterator[tuple[str, NDArray[np.generic]]]:
-    """Numeric arrays of a variable; those inside structures as ``structure.field``."""
-    if not isinstance(value, np.ndarray):
-        return
-    if value.dtype.names is not None and value.size == 1:
-        for field in value.dtype.names:
-            yield from _matlab_variables(f'{name}.{field}', value[field].flat[0])
+def _matlab_variables(name: str, value: Any) -> Iterator[tuple[str, NDArray[np.generic] | str]]:
+    """Numeric arrays of a variable, or what it is instead.
+
+    Those inside structures as ``structure.field``; of arrays of structures by the ``Name`` that
+    each has or by its number, as ``array.name.field`` or ``array{2}.field``; of cells as
+    ``cell{2}``.
+    """
+    if isinstance(value, scipy.io.matlab.MatlabOpaque) or not isinstance(value, np.ndarray):
+        yield name, 'an object, which only MATLAB can read'
+    elif value.dtype.names is not None:
+        elements = value.ravel()[:_MOST_ELEMENTS]
+        titles = [_title(element) for element in elements]
+        named = all(titles) and len(set(titles)) == len(titles) > 1
+        for k, element in enumerate(elements):
+            own = '' if value.size == 1 else f'.{titles[k]}' if named else f'{{{k}}}'
+            for field in value.dtype.names:
+                yield from _matlab_variables(f'{name}{own}.{field}', element[field])
+    elif value.dtype.kind == 'O':
+        for k, element in enumerate(value.ravel()[:_MOST_ELEMENTS]):
+            yield from _matlab_variables(f'{name}{{{k}}}' if value.size > 1 else name, element)
     elif value.dtype.kind in 'biuf' and value.ndim <= 2:
         yield name, value
+    elif value.dtype.kind not in 'US':  # text names things
+        yield name, f'{value.ndim} dimensions of {value.dtype}'
+
+
+def _title(element: Any) -> str:
+    """What a structure calls itself, as the measuring systems of dSPACE do; empty if nothing."""
+    told = element['Name'] if 'Name' in element.dtype.names else None
+    text = np.asarray(told).ravel() if told is not None else np.zeros(0)
+    return str(text[0]).strip('"\' ') if text.size == 1 and text.dtype.kind in 'US' else ''
 
 
 def _read_matlab(path: Path) -> ColumnFile:
-    arrays = {}
+    arrays, passed_over = {}, []
     for variable, content in scipy.io.loadmat(str(path)).items():
         if variable.startswith('__'):
             continue
-        for name, array in _matlab_variables(variable, content):
-            # MATLAB's vectors are tables of one row or one column.
-            lying = array.ndim == 2 and array.shape[0] == 1
-            arrays[name] = _table(array.T if lying else array, path, name)
+        for name, array in _matlab_variables(
+            'an object' if variable == 'None' else variable, content
+        ):
+            if isinstance(array, str):
+                passed_over.append(f'{name} ({array})')
+            elif array.size:
+                # MATLAB's vectors are tables of one row or one column.
+                lying = array.ndim == 2 and array.shape[0] == 1
+                arrays[name] = _table(array.T if lying else array, path, name)
     if not arrays:
-        raise RecordingError(f'{path.name!r} holds no numeric variables')
-    return ColumnFile(path, arrays)
+        what = f': {", ".join(passed_over)}' if passed_over else ''
+        raise RecordingError(f'{path.name!r} holds no numeric variables{what}')
+    return ColumnFile(path, arrays, passed_over=tuple(passed_over))
 
 
 def read_columns(
@@ -270,7 +318,7 @@ def _parse(path: Path, head: bytes, skip_rows: int | None, delimiter: str | None
 def _transposed(file: ColumnFile) -> ColumnFile:
     """Tables of more than one column with rows for channels."""
     arrays = {n: t.T if t.shape[1] > 1 else t for n, t in file.arrays.items()}
-    return ColumnFile(file.path, arrays)
+    return dataclasses.replace(file, arrays=arrays)
 
 
 def describe(
@@ -285,4 +333,4 @@ def describe(
     Takes and raises what :func:`read_columns` does.
     """
     file = read_columns(path, skip_rows=skip_rows, delimiter=delimiter, transpose=transpose)
-    return file.keys()
+    return [*file.keys(), *(f'passed over: {told}' for told in file.passed_over)]

@@ -17,6 +17,7 @@ from impactscope.discrepancy.driven.measuring import filter_of
 from impactscope.discrepancy.driven.model import OscillatorModel
 from impactscope.discrepancy.driven.moved import MovedModel
 from impactscope.discrepancy.driven.noise_judge import BETWEEN, DELAYING
+from impactscope.discrepancy.driven.prescribed import PrescribedModel
 from impactscope.discrepancy.driven.strangers import Verdict
 from impactscope.discrepancy.driven.subject import Subject
 from impactscope.discrepancy.driven.terms import Number, Term, key
@@ -35,6 +36,7 @@ EXCESS = 0.2  # of friction at rest over that in motion, likewise
 ALIKE = 9.0  # chi-square that does not tell a delay's form
 HINT = 4.0  # chi-square a number that makes a richer rival more than a possibility
 AT_AN_END = 2e-3  # of a number's scale, from the end of what it may be
+ONE_WAY = ('coulomb_friction', 'hysteresis', 'softening_spring', 'offset')  # friction, not turned
 SUSPECT = 4.0  # standard uncertainties between a stated and a fitted number
 
 
@@ -81,7 +83,8 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
         words = _same_law(s, term)
         if 'offset' in rivals and _on_axis(s):
             words = (*words, 'gravity_load')  # a constant force on an axis may be a weight
-        rivals = tuple(dict.fromkeys((*rivals, *words, *_other_delay(s, term, fits))))
+        alike = (*words, *_other_delay(s, term, fits), *_one_way(s, term))
+        rivals = tuple(dict.fromkeys((*rivals, *alike)))
         likely = share[term.name] + _in_other_words(term.name, words, fits, weight)
         found.append(_finding(s, term, s.outcome.best, likely, rivals))
     others = sorted((n for n in share if n not in best), key=lambda n: -share[n])
@@ -165,6 +168,13 @@ def _same_law(s: Subject, term: Term) -> tuple[str, ...]:
     if label in {'offset', 'gravity_load'} and _on_axis(s):
         found = (*found, 'gravity_load' if label == 'offset' else 'offset')
     return found
+
+
+def _one_way(s: Subject, term: Term) -> tuple[str, ...]:
+    """What friction may be as well where a prescribed motion never comes back."""
+    if not (isinstance(s.model, PrescribedModel) and s.model.one_way):
+        return ()
+    return tuple(n for n in ONE_WAY if n != term.name) if term.name in ONE_WAY else ()
 
 
 def _on_axis(s: Subject) -> bool:

@@ -50,6 +50,7 @@ class PrescribedModel:
     position_scale: float
     position_unit: str = 'm'
     middle: float = 0.0  # of the sensor's scale, from which positions count
+    one_way: bool = False  # whether it never comes back: friction turns round nowhere
 
     def starts(self, segment: Segment) -> tuple[Number, ...]:  # noqa: ARG002
         """Where the slider stands at the first sample."""
@@ -217,10 +218,11 @@ def linear_prescribed(
         terms = tuple(t for t in terms if t.label != 'restoring_force')
     moving = motion[1][np.abs(motion[1]) > MOVES * np.max(np.abs(motion[1]))]
     forwards = float(np.mean(moving > 0.0)) if moving.size else 0.0
-    if not BOTH_WAYS < forwards < 1.0 - BOTH_WAYS:
+    one_way = not BOTH_WAYS < forwards < 1.0 - BOTH_WAYS
+    if one_way:
         terms = tuple(t for t in terms if t.name not in _SKEWED)
     variants = _variants(terms, sizes, spring=spring)
-    model = PrescribedModel(numbers, variants, position, x, middle)
+    model = PrescribedModel(numbers, variants, position, x, middle, one_way)
     made = fit(dataclasses.replace(model, terms=()), (), segments, {}, tolerance=FINE)
     return model, segments, made
 

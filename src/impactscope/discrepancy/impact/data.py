@@ -45,6 +45,7 @@ _TOLD_BY = 24  # samples
 _OF_NOISE = 5.0
 _LATER = 0.02  # s, by which a force may show a contact later than the impactor
 _LEAST_BEFORE = 16  # samples of the impactor before that
+_TOLD = 4  # notes in an error
 _TELLING = 64  # samples before the onset that tell how large the noise is
 _STRETCHES = 16  # of a recording, the quietest of which tells it where there are no such samples
 _LARGER = 1.3  # times what differences tell
@@ -129,11 +130,18 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
             continue
         onset = _first_sight(recording.channels)
         if onset is None:
-            notes.append(f'{recording.file}: no blow can be found; it is left out.')
+            notes.append(
+                f'{recording.file}: no blow can be found, for no channel leaves the level of '
+                'its first 20 ms by more than its noise; does it begin before the blow? '
+                'It is left out.'
+            )
             continue
         onsets.append((recording, onset))
     if not any(recording.role is Role.FIT for recording, _ in onsets):
-        raise InputError(f'{campaign.name}: no recording to fit holds a blow that can be used')
+        raise InputError(
+            f'{campaign.name}: no recording to fit holds a blow that can be used; '
+            + ' '.join(notes[:_TOLD])
+        )
     noise = _noise(onsets, campaign.noise_std)
     colours = _colours(onsets, campaign.noise_std)
     slower = {n: c for n, c in (slower or {}).items() if n not in campaign.noise_std}
