@@ -292,7 +292,10 @@ def _exact(
         searched.update(likely)
         if not likely:
             break
-        now = min((_searched(campaign, k, tell, share) for k in likely), key=lambda f: _misfit(*f))
+        now = min(
+            (_searched(campaign, k, tell, share, _in_its_noise(k, seed)) for k in likely),
+            key=lambda f: _misfit(*f),
+        )
         best = min(best, now, key=lambda f: _misfit(*f))
         if _terms_of(now) == _terms_of(found):
             break
@@ -307,6 +310,14 @@ def _exact(
         campaign, case.model, case.segments, case.judge, outcome, None, known, case, said
     )
     return describe(subject), outcome, reduced(case.judge, outcome.best) < NOISE
+
+
+def _in_its_noise(case: Case, seed: Fit | None) -> Fit | None:
+    """What another search has found, fitted again in a case with another noise."""
+    if seed is None:
+        return None
+    values = {**case.baseline.values, **seed.values}
+    return fit(case.model, seed.terms, case.segments, values, case.baseline.starts)
 
 
 def _taken_for_slow_noise(case: Case, made: Fit) -> tuple[str, ...]:
