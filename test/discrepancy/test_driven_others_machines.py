@@ -146,7 +146,7 @@ def test_a_linear_model_with_impossible_numbers_explains_nothing():
 
 def test_a_number_at_the_end_of_what_it_may_be_has_no_uncertainty():
     number = Number('kinetic_force', 'N', (1.0,), 0.5, 0.0)
-    assert _at_an_end(1e-5, number)
+    assert _at_an_end(5e-3, number)
     assert not _at_an_end(0.1, number)
     assert not _at_an_end(-3.0, Number('value', 'N', (1.0,), 0.5))
 

@@ -35,7 +35,7 @@ REFUSED = 0.5  # probability of what a criterion may like and the rule against c
 EXCESS = 0.2  # of friction at rest over that in motion, likewise
 ALIKE = 9.0  # chi-square that does not tell a delay's form
 HINT = 4.0  # chi-square a number that makes a richer rival more than a possibility
-AT_AN_END = 2e-3  # of a number's scale, from the end of what it may be
+AT_AN_END = 0.02  # of a number's scale, from the end of what it may be
 ONE_WAY = ('coulomb_friction', 'hysteresis', 'softening_spring', 'offset')  # friction, not turned
 SUSPECT = 4.0  # standard uncertainties between a stated and a fitted number
 
@@ -288,12 +288,14 @@ def _parameters(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimat
 
 
 def _numbers(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimate]:
+    # a fit may measure a number by where it set out
+    usual = {n.name: n for t in s.model.terms if t.label == term.label for n in t.numbers}
     found = {
         n.name: ParameterEstimate(
             made.values[key(term, n)],
             # at the end of what is possible a number is known from one side only
             math.nan
-            if _at_an_end(made.values[key(term, n)], n)
+            if _at_an_end(made.values[key(term, n)], usual.get(n.name, n))
             else made.std.get(key(term, n), math.nan),
             n.unit,
         )
@@ -328,7 +330,7 @@ def _numbers(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimate]:
     if term.name == 'stribeck_friction':
         kinetic, excess = found['kinetic_force'], found.pop('excess_force')
         value = float(kinetic.value) + float(excess.value)
-        std = math.hypot(kinetic.std, excess.std)
+        std = math.hypot(0.0 if math.isnan(kinetic.std) else kinetic.std, excess.std)
         found['static_force'] = ParameterEstimate(value, std, kinetic.unit)
     return found
 
