@@ -12,10 +12,12 @@ from impactscope.discrepancy.impact import search as searching
 from impactscope.discrepancy.impact.baseline import baseline_model
 from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.data import prepare
-from impactscope.discrepancy.impact.fit import fit
+from impactscope.discrepancy.impact.fit import at_point, fit
 from impactscope.discrepancy.impact.follow import fit_baseline
 from impactscope.discrepancy.impact.modes import other_modes, rung
 from impactscope.discrepancy.impact.outcome import Outcome
+from impactscope.discrepancy.impact.profiles import profiled
+from impactscope.discrepancy.patience import patient
 from impactscope.physics.twin.assembly import Effect
 
 
@@ -52,6 +54,21 @@ def test_a_fit_at_a_wrong_frequency_finds_the_right_one(ringing):
     best, _ = other_modes(astray, [fixture], rung(without, fixture))
     assert best.chi_square < astray.chi_square - 9.0
     assert best.values['base_compliance.frequency'] == pytest.approx(110.0, rel=0.03)
+
+
+def test_other_values_are_left_out_once_the_time_is_over(ringing):
+    without, fixture = ringing
+    model = fixture.extend(without.model)
+    known = {**without.values, **fixture.starts[0]}
+    x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
+    here = at_point(model, without.layout, x)
+    with patient(0.0) as patience:
+        assert other_modes(here, [fixture], [known]) == (here, [])
+        best, factors = profiled(here, [fixture])
+    assert best is here
+    assert set(factors.values()) == {1.0}
+    left_out = ['other values of what was found', 'how far its numbers may go']
+    assert list(patience.left_out) == left_out
 
 
 def test_what_has_no_frequency_is_not_scanned(ringing):

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.impact.model import ImpactModel, Layout
+from impactscope.discrepancy.patience import lasts
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
@@ -192,7 +193,9 @@ def settled(found: Fit) -> Fit:
     """A fit brought to the very bottom of its minimum, with exact slopes there."""
     lower, upper = found.model.bounds()
     best = dataclasses.replace(found, slopes=exact_slopes(found))
-    for _ in range(_ROUNDS):
+    for again in range(_ROUNDS):
+        if again and not lasts('the last digits of the numbers'):
+            break
         slopes, residuals = best.jacobian, best.residuals
         gradient = slopes.T @ residuals
         inside = ~(((best.x <= lower) & (gradient > 0)) | ((best.x >= upper) & (gradient < 0)))
