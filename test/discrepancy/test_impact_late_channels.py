@@ -44,12 +44,15 @@ def test_what_is_missing_elsewhere_does_not_pass_for_a_late_channel(make_campaig
 @pytest.mark.slow
 @pytest.mark.parametrize(('channel', 'offset'), [('acceleration.plate', 0.010), ('force', -0.008)])
 def test_the_clock_of_a_late_channel_is_named(make_campaign, channel, offset):
-    answer = explain(make_campaign(69, [late(channel, offset)]))
+    campaign = make_campaign(69, [late(channel, offset)])
+    answer = explain(campaign)
     assert answer.accepted == ('clock_error',)
     found = answer.ranking[0]
     assert found.channel == channel
     said, rate = found.parameters['offset'], found.parameters['drift']
     assert abs(said.value - offset) < 3.0 * said.std
+    onset = prepare(campaign).blows[0].onset  # where the blows tell how late it is
+    assert said.value + rate.value * onset == pytest.approx(offset, abs=1e-5)
     # no blow of half a second tells a clock's rate: that of two crystals stays open
     assert abs(rate.value) < 2e-4
     assert 1e-7 < said.std < 1e-4
