@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -146,18 +146,8 @@ def with_right_signs(campaign: Campaign) -> Campaign:
     turned = reversed_channels(parts, spring=sprung(campaign))
     if not turned:
         return campaign
-    recordings = tuple(
-        dataclasses.replace(
-            r,
-            channels={
-                n: dataclasses.replace(c, values=-c.values) if n in turned else c
-                for n, c in r.channels.items()
-            },
-        )
-        for r in campaign.recordings
-    )
     note = f'{", ".join(turned)}: the sign is opposite to that of {drive}; it is turned here.'
-    return dataclasses.replace(campaign, recordings=recordings, notes=(*campaign.notes, note))
+    return _with_channels(campaign, dict.fromkeys(turned, np.negative), [note])
 
 
 def with_rest_at_zero(campaign: Campaign) -> Campaign:
@@ -186,11 +176,19 @@ def with_rest_at_zero(campaign: Campaign) -> Campaign:
             notes.append(f'{about}, from which it is counted.')
     if not rests:
         return campaign
+    counted = {name: (lambda values, rest=rest: values - rest) for name, rest in rests.items()}
+    return _with_channels(campaign, counted, notes)
+
+
+def _with_channels(
+    campaign: Campaign, changes: Mapping[str, Callable[[Array], Array]], notes: Sequence[str]
+) -> Campaign:
+    """The campaign with the values of some channels changed, and notes that say so."""
     recordings = tuple(
         dataclasses.replace(
             r,
             channels={
-                n: dataclasses.replace(c, values=c.values - rests[n]) if n in rests else c
+                n: dataclasses.replace(c, values=changes[n](c.values)) if n in changes else c
                 for n, c in r.channels.items()
             },
         )
