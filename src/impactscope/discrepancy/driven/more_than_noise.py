@@ -30,6 +30,7 @@ SURE = 6.0  # standard deviations of it
 STRETCH = 32  # samples in a row
 LOUD = 4.0  # times the noise, in power, that no such stretch has by chance
 STRETCHES = 16  # of a recording
+MOST_OF_THEM = 0.75
 COMES = 4.0  # times as large as in the quiet
 IMPOSSIBLE = 4.0  # standard uncertainties below nothing
 MOST = 4.0  # times the noise: what a single sample may count, for some stand out alone
@@ -92,7 +93,8 @@ def _comes_and_goes(case: Case, made: Fit) -> str:
             continue
         step = quantisation_step(s.measured)
         parts = np.array_split(np.diff(left), STRETCHES)
-        sizes = np.array([math.sqrt(float(np.mean(p**2))) for p in parts])
+        # samples that stand out alone are no part of it
+        sizes = np.array([float(np.quantile(np.abs(p), MOST_OF_THEM)) for p in parts])
         quiet = max(float(np.median(np.sort(sizes)[: STRETCHES // 4])), 0.5 * step)
         place = int(np.argmax(sizes))
         if sizes[place] > COMES * quiet:
