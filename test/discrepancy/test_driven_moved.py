@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import fft, signal
+from scipy.interpolate import CubicSpline
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
@@ -178,3 +179,33 @@ def test_a_filter_without_delay_is_sought_in_its_own_order(order):
     found = answer.ranking[0].parameters
     assert (found['order'].value, found['zero_phase'].value) == (order, 1.0)
     assert found['cutoff'].value == pytest.approx(60.0, rel=0.05)
+
+
+def relaxing(stiffness, time):
+    """Force of a spring and dashpot in series, at rest before a recording; by small steps."""
+
+    def force(i, t, x, v):
+        fine = 50
+        inner = np.arange(fine * (t.size - 1) + 1) / (fine * RATE)
+        speed = CubicSpline(t, v)(inner)
+        keep = np.exp(-1.0 / (fine * RATE * time))
+        middle = 0.5 * (speed[1:] + speed[:-1])
+        fed = np.concatenate([[0.0], stiffness * time * (1.0 - keep) * middle])
+        return signal.lfilter([1.0], [1.0, -keep], fed)[::fine]
+
+    return force
+
+
+@pytest.mark.parametrize('time', [0.01, 0.03, 0.3])
+def test_a_device_that_relaxes(time):
+    stiffness = 0.02 * STIFFNESS
+    answer = explain_driven(campaign(31, relaxing(stiffness, time)))
+    assert answer.accepted == ('rate_dependent_damper',)
+    assert not answer.unexplained
+    found = answer.ranking[0].parameters
+    assert set(found) == {'stiffness', 'damping'}
+    assert found['damping'].unit == 'N s/m'
+    for name, true in (('stiffness', stiffness), ('damping', stiffness * time)):
+        assert abs(found[name].value - true) < 4.0 * found[name].std
+    ratio = answer.fit.extended.held_out_rmse['force.damper'] / NOISE
+    assert ratio < 1.05

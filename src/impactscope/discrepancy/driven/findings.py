@@ -18,6 +18,7 @@ from impactscope.discrepancy.driven.model import OscillatorModel
 from impactscope.discrepancy.driven.moved import MovedModel
 from impactscope.discrepancy.driven.noise_judge import BETWEEN, DELAYING
 from impactscope.discrepancy.driven.prescribed import PrescribedModel
+from impactscope.discrepancy.driven.relaxation import TIME
 from impactscope.discrepancy.driven.strangers import Verdict
 from impactscope.discrepancy.driven.subject import Subject
 from impactscope.discrepancy.driven.terms import Number, Term, key
@@ -327,6 +328,13 @@ def _numbers(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimate]:
         excess = found.pop('excess')
         found['name'] = ParameterEstimate('gain', 0.0, 'text')
         found['ratio'] = ParameterEstimate(1.0 + float(excess.value), excess.std, '1')
+    if TIME in found:
+        branch, time = found['stiffness'], found.pop(TIME)
+        k, t = float(branch.value), float(time.value)
+        slopes = {key(term, n): d for n, d in zip(term.numbers, (t, k), strict=True)}
+        known = math.isfinite(branch.std) and math.isfinite(time.std)
+        std = math.sqrt(made.variance_along(slopes)) if known else math.nan
+        found['damping'] = ParameterEstimate(k * t, std, branch.unit.replace('/', ' s/', 1))
     if term.name == 'stribeck_friction':
         kinetic, excess = found['kinetic_force'], found.pop('excess_force')
         value = float(kinetic.value) + float(excess.value)

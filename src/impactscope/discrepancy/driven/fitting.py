@@ -49,6 +49,14 @@ class Fit:
     evaluations: int = 0
     cost: float = 0.0  # sum of squares as the fit counts it
     own: int = 0  # of the added numbers those that single recordings have of their own
+    covariance: Array | None = None  # of the shared numbers, in the order of ``values``
+
+    def variance_along(self, slopes: Mapping[str, float]) -> float:
+        """Variance of a quantity by its slopes by shared numbers; nan where none is known."""
+        if self.covariance is None:
+            return math.nan
+        along = np.array([slopes.get(k, 0.0) for k in self.values])
+        return max(float(along @ self.covariance @ along), 0.0)
 
     def rms(self, segment: int) -> float:
         """Root mean square of one segment's residual, in the channel's unit."""
@@ -234,7 +242,9 @@ def fit(
         residuals.append(segment.measured - model.predict(values, terms, begin, segment))
     left = np.concatenate([weights[i] * counted(model, residuals[i], segments[i]) for i in fitted])
     spread = _scatter(slopes, left, white=known)
-    std = {k: float(spread[j] * n.scale) for j, (k, n) in enumerate(shared)}
+    scale = np.array([n.scale for _, n in shared])
+    covariance = spread[:first, :first] * np.outer(scale, scale)
+    std = {k: math.sqrt(max(float(covariance[j, j]), 0.0)) for j, (k, _) in enumerate(shared)}
     mine = sum(t.own for t in terms)
     added = sum(len(t.numbers) for t in terms) + mine
     return Fit(
@@ -247,6 +257,7 @@ def fit(
         evaluations=spent,
         cost=float(left @ left),
         own=mine,
+        covariance=covariance,
     )
 
 
@@ -276,22 +287,25 @@ def _own_beginning(
 
 
 def _scatter(jacobian: Array, residual: Array, *, white: bool) -> Array:
-    """Standard uncertainties that allow for coloured residuals, shape (n_numbers,).
+    """Covariance that allows for coloured residuals, shape (n_numbers, n_numbers).
 
-    The usual ones where residuals are whitened; else the larger of these and of the sandwich
-    estimate, whose filling is the scatter of the gradient over blocks of consecutive samples.
+    The usual one where residuals are whitened; else with the larger standard uncertainties of it
+    and of the sandwich estimate, whose filling is the scatter of the gradient over blocks of
+    consecutive samples.
     """
     n, k = jacobian.shape
     if k == 0:
-        return np.zeros(0)
+        return np.zeros((0, 0))
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
     usual = inverse * float(residual @ residual) / max(n - k, 1)
     if white:
-        return np.sqrt(np.maximum(np.diag(usual), 0.0))
+        return np.asarray(usual)
     edges = np.linspace(0, n, min(BLOCKS, n) + 1).astype(int)
     gradients = np.array([jacobian[a:b].T @ residual[a:b] for a, b in itertools.pairwise(edges)])
     sandwich = inverse @ (gradients.T @ gradients) @ inverse
-    return np.sqrt(np.maximum(np.maximum(np.diag(usual), np.diag(sandwich)), 0.0))
+    least = np.maximum(np.diag(usual), 0.0)
+    larger = np.sqrt(np.maximum(np.diag(sandwich), least) / np.where(least > 0.0, least, 1.0))
+    return np.asarray(usual * np.outer(larger, larger))
 
 
 def sensitivities(model: Model, base: Fit, segments: Sequence[Segment]) -> tuple[Array, Array]:

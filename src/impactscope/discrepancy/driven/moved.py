@@ -31,6 +31,7 @@ from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.moved_laws import moved_laws
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge
 from impactscope.discrepancy.driven.recordings import Cut, derivative_of
+from impactscope.discrepancy.driven.relaxation import branch_force, relaxation
 from impactscope.discrepancy.driven.spectral import weight_by_runs
 from impactscope.discrepancy.driven.terms import Number, Term
 
@@ -43,6 +44,7 @@ LITTLE = 0.03  # share of the noise that is left aside
 ROUNDED = (0.002, 0.03)  # of the largest speed, in which friction turns round
 STUCK = (0.001,)  # of the largest travel, over which friction builds up; more is hysteresis
 MOST_STUCK = 0.004
+RELAXES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times over the motion's own, to set out from
 BEYOND = 3.0  # samples, by which a force is continued beyond its ends
 
 
@@ -126,6 +128,11 @@ class MovedModel:
     ) -> Array:
         """Force, shape (n,)."""
         force = self._force(values, terms, segment)
+        relaxing = branch_force(
+            terms, values, segment.drive, segment.measured - force, segment.period
+        )
+        if relaxing is not None:
+            force = force + relaxing
         parts = {t.name: t for t in terms if t.output}
         if not parts:
             return force
@@ -382,6 +389,11 @@ def _terms(
                 _rounded(term, 'turning_speed', f'{unit}/s', v, 'F+- tanh(v / v_t)', ROUNDED)
             )
     del made
+    longest = max(s.measured.size * s.period for s in fitted)
+    times = [r * x / v for r in RELAXES]
+    found.append(
+        relaxation(sizes, (1e-3 * force / x,), times, fitted[0].period, longest, len(fitted))
+    )
     return tuple(found)
 
 

@@ -23,6 +23,7 @@ from impactscope.discrepancy.driven.mechanics import Sizes, enter, mechanical_te
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.oscillator import slider_force, smooth_force
 from impactscope.discrepancy.driven.recordings import Cut, derivative_of
+from impactscope.discrepancy.driven.relaxation import branch_force, relaxation
 from impactscope.discrepancy.driven.terms import Number, Term
 from impactscope.errors import InputError
 
@@ -37,6 +38,8 @@ STUCK = 0.01  # of the largest displacement: what yields within that is friction
 LEAST = 1e-5  # of the largest displacement or speed, within which friction may be found to turn
 BOTH_WAYS = 0.02  # share of the samples that must move either way for effects that tell them apart
 MOVES = 0.02  # of the largest speed: what counts as moving
+RELAXES = (1.0, 0.2, 5.0)  # times over the motion's own, to set out from
+BRANCHES = (0.5, 0.05)  # of the stiffness, likewise
 _FRICTIONS = ('coulomb_friction', 'asymmetric_friction', 'stribeck_friction')
 _SKEWED = ('asymmetric_friction', 'asymmetric_damping')
 
@@ -71,6 +74,20 @@ class PrescribedModel:
         for term in terms:
             if term.fixed:
                 enter(p, term.fixed)
+        force = self._force(values, terms, p, start, segment)
+        relaxing = branch_force(
+            terms, values, segment.drive, segment.measured - force, segment.period
+        )
+        return force if relaxing is None else force + relaxing
+
+    def _force(
+        self,
+        values: Mapping[str, float],
+        terms: tuple[Term, ...],
+        p: Array,
+        start: Array,
+        segment: Segment,
+    ) -> Array:
         x, v, a = segment.drive
         forward, backward, gap = p[at.KINETIC_FORWARD], p[at.KINETIC_BACKWARD], p[at.GAP]
         turning = _number_of('turning_speed', values, terms)
@@ -221,7 +238,14 @@ def linear_prescribed(
     one_way = not BOTH_WAYS < forwards < 1.0 - BOTH_WAYS
     if one_way:
         terms = tuple(t for t in terms if t.name not in _SKEWED)
-    variants = _variants(terms, sizes, spring=spring)
+    period = fitted[0].period
+    longest = max(s.measured.size * s.period for s in fitted)
+    times = [r * sizes.position / sizes.speed for r in RELAXES]
+    stiffness = tuple(share * sizes.stiffness for share in BRANCHES)
+    variants = (
+        *_variants(terms, sizes, spring=spring),
+        relaxation(sizes, stiffness, times, period, longest, len(fitted)),
+    )
     model = PrescribedModel(numbers, variants, position, x, middle, one_way)
     made = fit(dataclasses.replace(model, terms=()), (), segments, {}, tolerance=FINE)
     return model, segments, made

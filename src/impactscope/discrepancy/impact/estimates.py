@@ -12,11 +12,12 @@ from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.impact.bench_numbers import ADDED_WEIGHT, WEIGHT
 from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.fit import Fit
+from impactscope.discrepancy.impact.model import Free
 from impactscope.discrepancy.impact.outcome import Outcome
 from impactscope.physics.mechanisms.registry import mechanism
 from impactscope.physics.pendulum import Orientation
 
-__all__ = ['estimates', 'fitted_numbers', 'saved_model', 'stated_value']
+__all__ = ['estimates', 'fitted_numbers', 'label_of', 'saved_model', 'stated_value', 'unit_of']
 
 _UNITS = {
     'stiffness': 'N/m',
@@ -116,11 +117,15 @@ def fitted_numbers(fitted: Fit) -> dict[str, ParameterEstimate]:
             continue
         value = values[number.key]
         std = float(covariance[j]) * (value if number.logarithmic else 1.0)
-        label = number.key
-        if number.blow is not None:
-            label = f'{number.key.split("@")[0]} of {names[number.blow]}'
-        result[label] = ParameterEstimate(value, std, unit_of(number.key))
+        result[label_of(number, names)] = ParameterEstimate(value, std, unit_of(number.key))
     return result
+
+
+def label_of(number: Free, recordings: Sequence[str]) -> str:
+    """A number's key; of one blow with the name of its recording."""
+    if number.blow is None:
+        return number.key
+    return f'{number.key.split("@")[0]} of {recordings[number.blow]}'
 
 
 def saved_model(
@@ -191,6 +196,7 @@ def _channel_unit(unit: str, channel: str, fitted: Fit) -> str:
 
 
 def unit_of(key: str) -> str:
+    """SI unit of a number by its key; empty where it has none of its own."""
     name = key.split('@')[0]
     if name.startswith('gain'):
         return '1'

@@ -23,6 +23,7 @@ from impactscope.discrepancy.evidence import Thresholds
 from impactscope.discrepancy.impact.adequacy import TESTED, Adequacy, adequacy, law_instead
 from impactscope.discrepancy.impact.another_cut import with_later_cuts
 from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.bent_numbers import bent_numbers_told
 from impactscope.discrepancy.impact.conventions import (
     conventions_told,
     other_conventions,
@@ -235,6 +236,7 @@ def _answer(
             *data.notes,
             *conventions_told(outcome.final.model),
             *outcome.notes,
+            *(bent_numbers_told(outcome.baseline, outcome.final) if accepted else ()),
             *_amplified(outcome),
         ),
         traces=traces,
