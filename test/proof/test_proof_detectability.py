@@ -50,7 +50,7 @@ def recorded(blow: Blow, scenario: Scenario) -> dict[str, np.ndarray]:
 @pytest.fixture(scope='module')
 def drawn() -> list[Scenario]:
     rng = np.random.default_rng(11)
-    kinds = ['impact'] * 12 + ['chain'] * 3 + ['closed_loop'] * 6
+    kinds = ['impact'] * 12 + ['chain'] * 3 + ['closed_loop'] * 6 + ['prescribed']
     return [draw_scenario(rng, kind) for kind in kinds]
 
 

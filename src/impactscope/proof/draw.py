@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -174,10 +174,7 @@ def alternatives(
             continue
         if other.name == 'gravity_load' and 'gravity_load' in freedom.scenario.baseline:
             continue
-        for sign in (1, -1) * TRIES:  # what else is drawn beside the strength may be near or far
-            aux = _set_up(rng, other, freedom.scenario, telling)
-            if 'sign' in aux:
-                aux = {**aux, 'sign': sign}
+        for aux in _shapes(rng, other, freedom.scenario, telling):
             start = math.sqrt(other.low * other.high)
             strength, _ = _search(freedom, other, aux, size, start, trials=5, close=1.5)
             turned = other.apply(freedom.scenario, strength, aux)
@@ -212,6 +209,19 @@ def _telling_channel(scenario: Scenario, left: Sequence[Array]) -> str:
             energy[name] += float(part @ part)
             begin += part.size
     return max(energy, key=lambda name: energy[name])
+
+
+def _shapes(
+    rng: np.random.Generator, effect: Effect, scenario: Scenario, channel: str
+) -> Iterator[Mapping[str, float | str]]:
+    """What an effect is tried with as a look-alike: its own shapes, else draws of either sign."""
+    own = effect.shapes(scenario)
+    if own:
+        yield from own
+        return
+    for sign in (1, -1) * TRIES:  # what else is drawn beside the strength may be near or far
+        aux = _set_up(rng, effect, scenario, channel)
+        yield {**aux, 'sign': sign} if 'sign' in aux else aux
 
 
 def _set_up(

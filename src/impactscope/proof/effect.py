@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,7 @@ __all__ = [
 Aux = Mapping[str, float | str]
 Drawn = dict[str, float | str]
 Setup = Callable[[np.random.Generator, Scenario], Drawn]
+Shapes = Callable[[Scenario], Sequence[Drawn]]
 Recipe = Mapping[str, float | str]
 
 
@@ -73,6 +74,10 @@ def _nothing(_rng: np.random.Generator, _scenario: Scenario) -> Drawn:
     return {}
 
 
+def _none(_scenario: Scenario) -> Sequence[Drawn]:
+    return ()
+
+
 @dataclass(frozen=True)
 class Effect:
     """One thing that can be concealed; strength 0 is its absence."""
@@ -84,6 +89,7 @@ class Effect:
     high: float
     parameters: Callable[[float, Aux], Drawn]
     setup: Setup = _nothing  # what is drawn beside the strength
+    shapes: Shapes = _none  # what is tried as a look-alike; none: what is drawn
     fits: Callable[[Scenario], bool] = always
     prepare: Callable[[Scenario], Scenario] = _unchanged  # what the baseline lacks
     variant: str = ''  # tells effects of the same name apart
@@ -122,6 +128,7 @@ def bench_effect(
     span: tuple[float, float],
     *,
     setup: Setup = _nothing,
+    shapes: Shapes = _none,
     fits: Callable[[Scenario], bool] = mechanical,
     family: str = 'library',
     variant: str = '',
@@ -135,6 +142,7 @@ def bench_effect(
         parameters: what the answer tells of it, as a recipe.
         span: least and largest strength.
         setup: draws what stands in the recipes by name.
+        shapes: such draws that stand for all of them, where it may look like something else.
         fits: which campaigns it can be concealed in.
         family: library or outside.
         variant: tells it apart from others of the same name.
@@ -154,6 +162,7 @@ def bench_effect(
         *span,
         told,
         setup=setup,
+        shapes=shapes,
         fits=fits,
         family=family,
         variant=variant,

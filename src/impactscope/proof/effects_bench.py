@@ -15,6 +15,9 @@ __all__ = ['BENCH_EFFECTS']
 
 Drawn = dict[str, float | str]
 
+_SLOWNESS = 0.1, 20.0  # relaxation times of a branch, times the motion's angular frequency
+_BRANCHES = 10  # relaxation times tried where a branch may look like something else
+
 
 def _vertical(scenario: Scenario) -> bool:
     return swung(scenario) and scenario.orientation == 'vertical'
@@ -58,6 +61,30 @@ def _yield(rng: np.random.Generator, scenario: Scenario) -> Drawn:
 
 def _branch(rng: np.random.Generator, _scenario: Scenario) -> Drawn:
     return {'time': float(10 ** rng.uniform(-3.0, -1.5))}
+
+
+def _given_motion(scenario: Scenario) -> bool:
+    return scenario.kind == 'prescribed'
+
+
+def _beside(scenario: Scenario, slowness: float) -> Drawn:
+    """A branch as stiff as the device, N/m and N s/m.
+
+    Its relaxation time is ``slowness`` over the largest angular frequency of the recordings that
+    are fitted: far below 1 it is a dashpot, far above a spring, and the baseline has both.
+    """
+    fitted = [b for b in scenario.blows if b.role == 'fit']
+    fastest = max(w.fastest(b.duration) for b in fitted for w in b.waves)
+    stiffness = scenario.blows[0].bench.stiffness
+    return {'stiffness': stiffness, 'damping': stiffness * slowness / fastest}
+
+
+def _branch_beside(rng: np.random.Generator, scenario: Scenario) -> Drawn:
+    return _beside(scenario, float(np.exp(rng.uniform(*np.log(_SLOWNESS)))))
+
+
+def _branches_beside(scenario: Scenario) -> list[Drawn]:
+    return [_beside(scenario, float(s)) for s in np.geomspace(*_SLOWNESS, 2 * _BRANCHES + 1)[1::2]]
 
 
 def _push(rng: np.random.Generator, _scenario: Scenario) -> Drawn:
@@ -195,6 +222,17 @@ BENCH_EFFECTS: tuple[Effect, ...] = (
         (1e-4, 1e6),
         setup=_branch,
         fits=with_layer,
+    ),
+    bench_effect(
+        'rate_dependent_damper',
+        'damper',
+        {'second_stiffness': 'strength * stiffness', 'second_damping': 'strength * damping'},
+        {'stiffness': 'strength * stiffness', 'damping': 'strength * damping'},
+        (1e-7, 2.0),
+        setup=_branch_beside,
+        shapes=_branches_beside,
+        fits=_given_motion,
+        variant='prescribed',
     ),
     bench_effect(
         'stiffening_damper',

@@ -1,7 +1,7 @@
 """Recordings in which the course is given: a prescribed motion and its force, or a bare chain.
 
-Nothing is integrated here but the hysteretic displacement: force and output follow from the
-course in closed form.
+Nothing is integrated here but the hysteretic displacement and the force of the branch: all else
+follows from the course in closed form.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.special import hyp1f1
 
 from .bench import Bench
 
@@ -31,6 +33,11 @@ class Wave(NamedTuple):
     rise: float = 0.0  # s, 1 - exp(-(t/rise)²) of it are there after t; 0: at once
     decay: float = 0.0  # 1/s
     glide: float = 0.0  # Hz/s
+
+    def fastest(self, until: float) -> float:
+        """Largest angular frequency from its begin to a moment, rad/s; until in s."""
+        last = self.frequency + self.glide * max(until - self.start, 0.0)
+        return 2 * math.pi * max(self.frequency, last)
 
 
 def course(waves: Sequence[Wave], t: Array) -> tuple[Array, Array]:
@@ -57,7 +64,8 @@ def device_force(bench: Bench, t: Array, x: Array, v: Array) -> Array:
 
     Args:
         bench: its numbers; masses do not count.
-        t: s, closely spaced (the hysteretic displacement is followed from sample to sample).
+        t: s, closely and evenly spaced (the hysteretic displacement and the branch are followed
+            from sample to sample); the device has stood until the first.
         x: displacement, m.
         v: speed, m/s; dry friction is zero where it is zero.
     """
@@ -73,12 +81,33 @@ def device_force(bench: Bench, t: Array, x: Array, v: Array) -> Array:
         bench.stop_stiffness * np.maximum(x - bench.stop_travel, 0.0) * (bench.stop_travel > 0)
     )
     force += bench.damping * v
+    if bench.second_stiffness:
+        force += _branch(bench.second_stiffness, bench.second_damping, t, x, v)
     force += np.where(v > 0, bench.quadratic_forward, -bench.quadratic_backward) * v**2
     dry = np.where(v > 0, bench.friction_forward, bench.friction_backward)
     dry = dry + bench.friction_slope * np.abs(x)
     dry = dry * (1 + (bench.static_ratio - 1) * np.exp(-((v / bench.stribeck_speed) ** 2)))
     result: Array = force + dry * np.sign(v)
     return result
+
+
+def _branch(stiffness: float, damping: float, t: Array, x: Array, v: Array) -> Array:
+    """Force of a spring (N/m) in series with a dashpot (N s/m), N: F' = k v - (k/c) F.
+
+    None at the first sample: a branch that has stood for long has relaxed, wherever it stands.
+    Exact for the cubic course between two samples that has their displacements and speeds: the
+    branch may relax within a sample or be as slow as the recording is long.
+    """
+    step = (t[-1] - t[0]) / (t.size - 1)
+    faded = step * stiffness / damping  # samples' distance over the relaxation time
+    moved, before, after = np.diff(x), step * v[:-1], step * v[1:]
+    # speed over a step of length 1: before + (...) u + (...) u²
+    slope, bend = 6 * moved - 4 * before - 2 * after, 3 * (before + after) - 6 * moved
+    # what is left at the step's end of u^j, integral of u^j exp(-faded (1 - u)) over 0 to 1
+    kept = [float(hyp1f1(1, j + 2, -faded)) / (j + 1) for j in range(3)]
+    pulled = stiffness * (kept[0] * before + kept[1] * slope + kept[2] * bend)
+    held: Array = lfilter([1.0], [1.0, -math.exp(-faded)], pulled)
+    return np.concatenate([[0.0], held])
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

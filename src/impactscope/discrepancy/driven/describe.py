@@ -91,7 +91,7 @@ def describe(s: Subject) -> Answer:
         next_tests=tests,
         baseline=s.campaign.baseline_names,
         baseline_parameters=_estimates(s, base, units),
-        extended_parameters=_estimates(s, final if s.modes is None else base, units),
+        extended_parameters=_extended(s, base, final, units),
         model=_saved(s, () if instead else new, wrong),
         notes=(
             *s.notes,
@@ -118,6 +118,15 @@ def _estimates(s: Subject, made: Fit, units: Mapping[str, str]) -> dict[str, Par
         )
         for name, value in made.values.items()
     }
+
+
+def _extended(
+    s: Subject, base: Fit, final: Fit, units: Mapping[str, str]
+) -> dict[str, ParameterEstimate]:
+    """The numbers of the extended model; of a structure its modes beside the baseline's."""
+    if s.modes is None:
+        return _estimates(s, final, units)
+    return {**_estimates(s, base, units), **modal_finding(s).parameters}
 
 
 def _tests(s: Subject, new: Sequence[Term], taken: Sequence[Finding]) -> list[str]:
