@@ -18,6 +18,7 @@ from impactscope.discrepancy.driven.model import OscillatorModel
 from impactscope.discrepancy.driven.moved import MovedModel
 from impactscope.discrepancy.driven.noise_judge import BETWEEN, DELAYING
 from impactscope.discrepancy.driven.prescribed import PrescribedModel
+from impactscope.discrepancy.driven.relaxation import NAME as RELAXING
 from impactscope.discrepancy.driven.relaxation import TIME
 from impactscope.discrepancy.driven.strangers import Verdict
 from impactscope.discrepancy.driven.subject import Subject
@@ -126,25 +127,33 @@ def _confused(
 
 
 def _other_delay(s: Subject, term: Term, fits: Sequence[Fit]) -> tuple[str, ...]:
-    """The clock for a filter, or the filter for a clock, where only the form of a delay differs.
+    """What else delays in the place of a filter or a clock, where only the form of it differs.
 
     How a filter acts between samples and of which order it is nobody has stated, and what it
-    takes from the motion's own noise is known roughly: a slight difference decides nothing.
+    takes from the motion's own noise is known roughly: a slight difference decides nothing. A
+    device that relaxes within a small part of its motion's period is viscous and late.
     """
-    if term.name not in DELAYING:
+    if term.name not in (*DELAYING, RELAXING):
         return ()
     names = {t.name for t in s.outcome.best.terms}
-    other = next(name for name in DELAYING if name != term.name)
     rest = next((f for f in fits if {t.name for t in f.terms} == names - {term.name}), None)
     rest = s.outcome.baseline if rest is None else rest
     whole = s.judge.gain(rest, s.outcome.best).fitted
+    found = []
     for made in fits:
-        if other not in names and {t.name for t in made.terms} == names - {term.name} | {other}:
-            place = next(t.channel for t in made.terms if t.name == other)
-            gain = s.judge.gain(rest, made).fitted
-            if place == term.channel and gain > whole - ALIKE - BETWEEN**2 * whole:
-                return (other,)
-    return ()
+        instead = {t.name for t in made.terms} - (names - {term.name})
+        other = next((t for t in made.terms if {t.name} == instead), None)
+        if other is None or other.name in names or len(made.terms) != len(s.outcome.best.terms):
+            continue
+        same_place = RELAXING in (term.name, other.name) or other.channel == term.channel
+        gain = s.judge.gain(rest, made).fitted
+        if (
+            other.name in (*DELAYING, RELAXING)
+            and same_place
+            and gain > whole - ALIKE - BETWEEN**2 * whole
+        ):
+            found.append(other.name)
+    return tuple(dict.fromkeys(found))
 
 
 def _same_law(s: Subject, term: Term) -> tuple[str, ...]:

@@ -391,9 +391,8 @@ def _terms(
     del made
     longest = max(s.measured.size * s.period for s in fitted)
     times = [r * x / v for r in RELAXES]
-    found.append(
-        relaxation(sizes, (1e-3 * force / x,), times, fitted[0].period, longest, len(fitted))
-    )
+    moving = sum(begins_in_motion(s.drive[0]) for s in fitted)
+    found.append(relaxation(sizes, (1e-3 * force / x,), times, fitted[0].period, longest, moving))
     return tuple(found)
 
 

@@ -19,6 +19,7 @@ from scipy import signal
 
 from impactscope.discrepancy.driven import layout as at
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
+from impactscope.discrepancy.driven.measuring import begins_in_motion
 from impactscope.discrepancy.driven.mechanics import Sizes, enter, mechanical_terms
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.oscillator import slider_force, smooth_force
@@ -241,10 +242,11 @@ def linear_prescribed(
     period = fitted[0].period
     longest = max(s.measured.size * s.period for s in fitted)
     times = [r * sizes.position / sizes.speed for r in RELAXES]
+    moving = sum(begins_in_motion(s.drive[0]) for s in fitted)
     stiffness = tuple(share * sizes.stiffness for share in BRANCHES)
     variants = (
         *_variants(terms, sizes, spring=spring),
-        relaxation(sizes, stiffness, times, period, longest, len(fitted)),
+        relaxation(sizes, stiffness, times, period, longest, moving),
     )
     model = PrescribedModel(numbers, variants, position, x, middle, one_way)
     made = fit(dataclasses.replace(model, terms=()), (), segments, {}, tolerance=FINE)

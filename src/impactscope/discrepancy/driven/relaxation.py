@@ -1,7 +1,8 @@
 """A device that relaxes: a spring and a dashpot in series beside the others, on a known course.
 
 The branch's force follows F' = k v - F / t_r, which is solved exactly for a course between samples
-of the third order in the speed. What it holds of the time before a recording fades with t_r.
+of the third order in the speed. Where a recording begins in motion, what the branch holds of the
+time before fades with t_r.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from impactscope.discrepancy.driven.measuring import begins_in_motion
 from impactscope.discrepancy.driven.mechanics import Sizes
 from impactscope.discrepancy.driven.terms import Number, Term
 
-__all__ = ['TIME', 'branch_force', 'relaxation']
+__all__ = ['NAME', 'TIME', 'branch_force', 'relaxation']
 
 Array = NDArray[np.float64]
 
@@ -34,7 +36,7 @@ def relaxation(
     times: Sequence[float],
     period: float,
     longest: float,
-    recordings: int,
+    moving: int,
 ) -> Term:
     """The candidate.
 
@@ -44,7 +46,7 @@ def relaxation(
         times: of relaxation, s, to set out from.
         period: s between samples.
         longest: recording, s; what relaxes slower is a spring.
-        recordings: that are fitted; each holds something of the time before it.
+        moving: recordings that are fitted and begin in motion.
     """
     shortest = SHORTEST * period
     inside = tuple(t for t in times if shortest < t < longest) or (0.1 * longest,)
@@ -67,7 +69,7 @@ def relaxation(
             Number(TIME, 's', inside, 0.1 * inside[0], shortest, longest),
         ),
         amounts=('stiffness',),
-        own=recordings,
+        own=moving,
     )
 
 
@@ -112,10 +114,12 @@ def branch_force(
     stiffness, time = values[f'{term.label}.stiffness'], values[f'{term.label}.{TIME}']
     time = max(time, SHORTEST * period)
     keep, (v0, v1, a0, a1) = _steps(period / time)
-    _, v, a = motion
+    x, v, a = motion
     fed = np.zeros(v.size)
     fed[1:] = period * (v0 * v[:-1] + v1 * v[1:] + period * (a0 * a[:-1] + a1 * a[1:]))
     force = stiffness * signal.lfilter([1.0], [1.0, -keep], fed)
+    if not begins_in_motion(x):
+        return np.asarray(force)
     most = min(v.size, 1 + int(FORGOTTEN * time / period))
     fades = keep ** np.arange(most)
     left = rest[:most] - force[:most]
