@@ -209,3 +209,15 @@ def test_a_device_that_relaxes(time):
         assert abs(found[name].value - true) < 4.0 * found[name].std
     ratio = answer.fit.extended.held_out_rmse['force.damper'] / NOISE
     assert ratio < 1.05
+
+
+def test_a_pull_that_starts_within_its_first_samples():
+    """A piece of three samples tells no course: it must not go anywhere between them."""
+    rate, speed, count = 50.0, 4e-3, 2000
+    begin = np.array([0.0, 0.9, 19.3, 75.0, 149.2, 228.0, 309.4, 392.2, 474.8, 556.3]) * 1e-6
+    there = np.concatenate([begin, begin[-1] + speed / rate * np.arange(1, count // 2)])
+    x = np.concatenate([there, there[-1] - speed / rate * np.arange(1, count // 2)])
+    x = x + 1.5e-8 * np.random.default_rng(5).standard_normal(x.size)
+    course = course_of(x, 1.0 / rate, 0)
+    assert np.max(np.abs(course.motion[0] - x)) < speed / rate
+    assert np.max(np.abs(course.motion[1])) < 2.0 * speed

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import signal
 
 from impactscope.discrepancy.driven.fitting import fit
 from impactscope.discrepancy.driven.oscillator import yielded
-from impactscope.discrepancy.driven.prescribed import linear_prescribed
+from impactscope.discrepancy.driven.prescribed import linear_prescribed, one_speed_told
 from impactscope.discrepancy.driven.recordings import Cut
 
 RATE = 200.0
@@ -137,3 +138,18 @@ def test_a_hanging_weight_whose_angle_is_prescribed():
     sine = fitted([device(x, force, unit='rad')], 'restoring_force')
     assert sine.values['stiffness'] == pytest.approx(3.0, rel=0.01)
     assert sine.rms(0) < 0.1 * linear.rms(0)
+
+
+def test_one_speed_each_way_does_not_tell_frictions_apart():
+    t = np.arange(2000) / RATE
+
+    def told(*speeds):
+        there = [s * 0.05 * signal.sawtooth(2.0 * np.pi * 0.25 * t, 0.5) for s in speeds]
+        _, segments, _ = linear_prescribed([device(x, 1e3 * x) for x in there])
+        return one_speed_told(segments)
+
+    (note,) = told(1.0)
+    assert 'about 0.05' in note
+    assert 'several speeds' in note
+    assert told(1.0, 2.0) == ()
+    assert one_speed_told(linear_prescribed([device(swing()[1], swing()[1])])[1]) == ()

@@ -234,6 +234,23 @@ def test_files_that_are_no_tables(tmp_path, name, content, message):
         read_columns(tmp_path / name)
 
 
+@pytest.mark.parametrize('encoding', ['utf-8-sig', 'utf-16', 'gb2312', 'latin-1'])
+def test_headings_of_any_encoding(tmp_path, encoding):
+    heading = '时间,力' if encoding != 'latin-1' else 'Zeit,Größe'
+    rows = '\n'.join(f'{0.1 * i:.1f},{i * i}' for i in range(5))
+    (tmp_path / 'a.csv').write_bytes(f'{heading}\n{rows}\n'.encode(encoding))
+    file = read_columns(tmp_path / 'a.csv')
+    assert file.column(1).tolist() == [0.0, 1.0, 4.0, 9.0, 16.0]
+    if encoding != 'gb2312':
+        assert file.names == tuple(heading.split(','))
+
+
+def test_bytes_that_no_text_has(tmp_path):
+    (tmp_path / 'a.csv').write_bytes(b'\x80\x02t,F\n0,1\n1,2\n')
+    with pytest.raises(RecordingError, match='neither text'):
+        read_columns(tmp_path / 'a.csv')
+
+
 def test_pickles_and_complex_numbers_are_refused(tmp_path):
     np.save(tmp_path / 'a.npy', np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(RecordingError):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import codecs
+import contextlib
 import csv
 import dataclasses
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,6 +28,7 @@ MOST_LISTED = 100  # columns of a lying table that are named one by one
 _DELIMITERS = (',', ';', '\t', '|')
 _NUMPY_MAGIC, _ZIP_MAGIC, _HDF5_MAGIC = b'\x93NUMPY', b'PK\x03\x04', b'\x89HDF'
 _MATLAB_MAGIC = b'MATLAB 5.0 MAT-file'
+_CONTROL = re.compile(rb'[\x00-\x08\x0e-\x1f\x7f]')  # no text has them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,13 +137,26 @@ def _split(line: str, delimiter: str | None) -> list[str]:
     return next(csv.reader([line], delimiter=delimiter), [])
 
 
+def _text_of(path: Path) -> str:
+    """Text of a file: UTF-8, UTF-16 with its mark, else one byte a character.
+
+    Numbers are the same in all of the last kind; headings may then read oddly.
+    """
+    content = path.read_bytes()
+    with contextlib.suppress(UnicodeDecodeError):
+        return content.decode('utf-8-sig')
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        with contextlib.suppress(UnicodeDecodeError):
+            text = content.decode('utf-16')
+            if any(c in '0123456789' for c in text):
+                return text
+    elif not _CONTROL.search(content):
+        return content.decode('latin-1')
+    raise RecordingError(f'{path.name!r} is neither text, NumPy, MATLAB nor JSON')
+
+
 def _read_text(path: Path, skip_rows: int | None, delimiter: str | None) -> ColumnFile:
-    try:
-        lines = path.read_text(encoding='utf-8-sig').splitlines()
-    except UnicodeDecodeError as error:
-        raise RecordingError(
-            f'{path.name!r} is neither text (UTF-8), NumPy, MATLAB nor JSON'
-        ) from error
+    lines = _text_of(path).splitlines()
     tail = [line for line in lines[-100:] if line.strip()]
     if delimiter is None:
         delimiter = _delimiter_of(tail[-10:])

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.campaign import Campaign, CampaignKind
 from impactscope.discrepancy.driven.chain import linear_chain
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
+from impactscope.discrepancy.driven.growing import fit_over_growing_spans, lost_count
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.oscillation import linear_oscillator, reversed_channels
 from impactscope.discrepancy.driven.prescribed import linear_prescribed
@@ -238,7 +239,12 @@ def _extended(
 ) -> Fit:
     initial = {**baseline.values, **(term.restart or {})}
     initial.update({f'{term.label}.{k}': v for k, v in stated.items()})
-    return fit(model, (*baseline.terms, term), segments, initial, baseline.starts, tolerance=FINE)
+    terms = (*baseline.terms, term)
+    made = fit(model, terms, segments, initial, baseline.starts, tolerance=FINE)
+    if lost_count(model, made, segments):
+        grown = fit_over_growing_spans(model, terms, segments, initial, baseline)
+        made = min(made, grown, key=lambda f: f.cost)
+    return made
 
 
 def _misfit(made: Fit, segments: Sequence[Segment]) -> float:

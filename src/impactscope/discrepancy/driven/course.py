@@ -41,6 +41,7 @@ LEFT = 1.5  # the same in power, about one place
 ROUNDS = 2  # of telling motion and noise of a colour apart
 BEYOND, PARTS, FEWEST = 2.5, 24, 6  # times the highest line of the motion; parts of the rest
 UNLIKE = 4.0  # deviance of the middle one, from which that is no noise
+FASTER = 3.0  # than the steepest step between samples: no course between them is
 BEND = 2.5  # over the space between knots: how fast an error changes
 
 
@@ -116,7 +117,7 @@ def _broken(
             finer = make_lsq_spline(time, samples, knots, DEGREE)
         except (ValueError, np.linalg.LinAlgError):  # a stretch with too few samples
             finer = None
-        if finer is None or not np.all(np.isfinite(finer.c)):  # not every such stretch is refused
+        if finer is None or not _sound(finer, time, samples):  # not every such stretch is refused
             if spline is None:
                 return _broken(samples, period, order, noise, _fewer(breaks))
             break
@@ -139,6 +140,12 @@ def _broken(
         jump = np.ptp(motion[row, max(at.start - 1, 0) : at.stop + 1])
         ends[row, at] += jump**2
     return Course(motion, noise, 0.5 / (spacing * period), ends)
+
+
+def _sound(spline: BSpline, time: Array, samples: Array) -> bool:
+    """Whether a spline goes no faster than its samples, as it may where few tell of a piece."""
+    steepest = float(np.max(np.abs(np.diff(samples)))) / float(time[1])
+    return bool(np.max(np.abs(spline(time, 1))) <= FASTER * steepest)
 
 
 def _fewer(breaks: Sequence[Break]) -> list[Break]:

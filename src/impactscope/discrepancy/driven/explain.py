@@ -25,6 +25,7 @@ from impactscope.discrepancy.driven.guess import equation_start, position_ripple
 from impactscope.discrepancy.driven.hollow import hollow, of_what_is_explained
 from impactscope.discrepancy.driven.modal import Modes, further_modes
 from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
+from impactscope.discrepancy.driven.prescribed import PrescribedModel, one_speed_told
 from impactscope.discrepancy.driven.recordings import Cut
 from impactscope.discrepancy.driven.ripple import ripple_of_motion
 from impactscope.discrepancy.driven.search import Effort, Outcome, search
@@ -66,6 +67,8 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     notes = list(campaign.notes)
     begun = linear_start(campaign, notes)
     parts, model, segments, linear = begun.parts, begun.model, begun.segments, begun.linear
+    if isinstance(model, PrescribedModel):
+        notes += one_speed_told(segments)
     answer: Answer | None = None
     sure = False
     coarse = campaign.kind is CampaignKind.DRIVEN and _coarse(linear, segments)

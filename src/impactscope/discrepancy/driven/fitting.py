@@ -18,7 +18,7 @@ from scipy import signal
 from scipy.optimize import least_squares
 
 from impactscope.discrepancy.driven.by_recording import by_recording
-from impactscope.discrepancy.driven.model import Model, Segment
+from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
 from impactscope.discrepancy.driven.terms import Number, Term, key
 
 __all__ = ['FINE', 'Fit', 'channel_scales', 'counted', 'fit', 'numbers_of', 'sensitivities']
@@ -29,6 +29,7 @@ STEP = 1e-4  # of a number's scale, for differences
 MEMORY = 0.1  # of a recording, beyond which accumulated errors are forgotten
 BLOCKS = 24  # of a recording, for the scatter of the estimates
 MOST_EVALUATIONS = 60
+FIRST_OF_A_SWING = (0.03, 0.1, 0.3, 1.0)  # shares of a recording, for its beginning alone
 ROUGH, FINE = 1e-4, 1e-8  # relative fall of the sum of squares at which a fit ends
 
 
@@ -269,21 +270,30 @@ def _own_beginning(
     begin: Array,
     weight: float,
 ) -> Array:
-    """Beginning of a held-out recording; nothing else is fitted to it."""
+    """Beginning of a held-out recording; nothing else is fitted to it.
+
+    Of a free swing first by its first cycles: over many, a speed that is slightly off at the
+    beginning makes whole cycles.
+    """
     numbers = model.starts(segment)
     if not numbers:
         return begin
     scale = np.array([n.scale for n in numbers])
 
-    def residual(theta: Array) -> Array:
-        predicted = model.predict(values, terms, theta * scale, segment)
-        return weight * counted(model, segment.measured - predicted, segment)
+    theta = begin / scale
+    swings = isinstance(model, OscillatorModel) and model.free
+    for share in FIRST_OF_A_SWING if swings else (1.0,):
+        count = max(math.ceil(share * segment.measured.size), 2 * len(numbers))
 
-    def jacobian(theta: Array) -> Array:
-        return _differences(residual, theta, residual(theta))
+        def residual(theta: Array, count: int = count) -> Array:
+            predicted = model.predict(values, terms, theta * scale, segment)
+            return weight * counted(model, segment.measured - predicted, segment)[:count]
 
-    solution = least_squares(residual, begin / scale, jacobian, x_scale='jac', max_nfev=30)
-    return np.asarray(solution.x * scale)
+        def jacobian(theta: Array, count: int = count) -> Array:
+            return _differences(lambda q: residual(q, count), theta, residual(theta, count))
+
+        theta = least_squares(residual, theta, jacobian, x_scale='jac', max_nfev=30).x
+    return np.asarray(theta * scale)
 
 
 def _scatter(jacobian: Array, residual: Array, *, white: bool) -> Array:

@@ -28,7 +28,7 @@ from impactscope.discrepancy.driven.relaxation import branch_force, relaxation
 from impactscope.discrepancy.driven.terms import Number, Term
 from impactscope.errors import InputError
 
-__all__ = ['PrescribedModel', 'linear_prescribed']
+__all__ = ['PrescribedModel', 'linear_prescribed', 'one_speed_told']
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,7 @@ SLIPS = 0.5  # of the largest displacement, within which a slider lets go: else 
 STUCK = 0.01  # of the largest displacement: what yields within that is friction
 LEAST = 1e-5  # of the largest displacement or speed, within which friction may be found to turn
 BOTH_WAYS = 0.02  # share of the samples that must move either way for effects that tell them apart
+ONE_SPEED = 1.5  # ratio of the fastest to the slowest tenth, up to which it is one speed
 MOVES = 0.02  # of the largest speed: what counts as moving
 RELAXES = (1.0, 0.2, 5.0)  # times over the motion's own, to set out from
 BRANCHES = (0.5, 0.05)  # of the stiffness, likewise
@@ -161,6 +162,19 @@ def _middle(segments: Sequence[Segment]) -> float:
     low = min(float(np.min(s.drive[0])) for s in segments)
     high = max(float(np.max(s.drive[0])) for s in segments)
     return 0.5 * (low + high) if low > 0.0 or high < 0.0 else 0.0
+
+
+def one_speed_told(segments: Sequence[Segment]) -> tuple[str, ...]:
+    """A note where the fitted motions have hardly more than one speed, either way."""
+    speeds = np.concatenate([np.abs(s.drive[1]) for s in segments if not s.held_out])
+    moving = speeds[speeds > MOVES * np.max(speeds)]
+    slow, usual, fast = np.quantile(moving, (0.1, 0.5, 0.9)) if moving.size else (0.0, 0.0, 1.0)
+    if fast > ONE_SPEED * slow:
+        return ()
+    return (
+        f'The motion has hardly more than one speed, about {usual:.2g}: viscous, dry and '
+        'quadratic friction cannot be told apart. Recordings at several speeds would tell them.',
+    )
 
 
 def linear_prescribed(

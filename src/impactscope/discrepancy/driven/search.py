@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.decide import Judge, noise_share
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit, sensitivities
+from impactscope.discrepancy.driven.growing import fit_over_growing_spans, lost_count
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.terms import Number, Term, key
 from impactscope.discrepancy.patience import lasts
@@ -193,6 +194,9 @@ class _Fits:
             best = min(made, key=lambda f: f.cost)
             if len(made) > 1 or best.evaluations >= BRIEF:
                 best = fit(self.model, terms, self.segments, best.values, best.starts)
+            if lost_count(self.model, best, self.segments):
+                whole = fit_over_growing_spans(self.model, terms, self.segments, tries[0], base)
+                best = min(best, whole, key=lambda f: f.cost)
             self.known[names] = best
         return self.known[names]
 
