@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact.baseline import MOST_OF_TAP
 from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.model import Free
 from impactscope.physics.twin.assembly import Effect
-from impactscope.physics.twin.bench import MeasuredForce
+from impactscope.physics.twin.bench import HammerTap, MeasuredForce
 
 RATE = 100_000.0  # Hz, of the pulse
 MIXED = {
@@ -90,3 +92,8 @@ def test_friction_is_found_whatever_the_pulse(make_campaign, name):
     item = answer.ranking[0].parameters['force']
     assert item.value == pytest.approx(0.3, abs=4 * item.std)
     assert item.std < 0.01
+
+
+def test_a_tap_may_be_as_hard_as_a_fit_makes_it():
+    number = Free('tap_peak@0', 100.0, 0.02, 1e-3, MOST_OF_TAP, logarithmic=True, blow=0)
+    HammerTap(number.to_outer(number.bounds[1]), 0.005)  # else a trial ends the search

@@ -117,7 +117,7 @@ def _broken(
             finer = make_lsq_spline(time, samples, knots, DEGREE)
         except (ValueError, np.linalg.LinAlgError):  # a stretch with too few samples
             finer = None
-        if finer is None or not _sound(finer, time, samples):  # not every such stretch is refused
+        if finer is None or not np.all(np.isfinite(finer.c)):  # not every such stretch is refused
             if spline is None:
                 return _broken(samples, period, order, noise, _fewer(breaks))
             break
@@ -127,6 +127,8 @@ def _broken(
             break
         once = float(np.sqrt(np.mean(rest**2))) < enough
         spacing /= CLOSER
+    if breaks and not _sound(spline, time, samples):
+        return _broken(samples, period, order, noise, _fewer(breaks))
     rest = samples - np.asarray(spline(time))
     motion = _derived(spline, time, order)
     ends = noise**2 * _about(_end(spacing * period, period, order), edges, n)

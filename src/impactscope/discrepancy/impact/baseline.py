@@ -29,6 +29,7 @@ _SENSOR = {  # start values and relative scales where a number is to be estimate
     'moving_mass': (1.5, 0.01, 1e-3, 1e3),
     'damping_ratio': (0.06, 0.1, 1e-4, 2.0),
 }
+MOST_OF_TAP = 0.99e5  # N, what the simulation of a hammer takes
 _PENDULUM = ('rod_mass', 'rod_length', 'contact_distance', 'moving_mass')
 
 
@@ -138,7 +139,7 @@ def _blow(
     free.append(Free(f'time@{i}', onset, 1e-4, onset - 0.02, onset + 0.01, blow=i))
     if recording.kind == 'tap':
         peak, duration = _tap_start(blow)
-        free.append(Free(f'tap_peak@{i}', peak, 0.02, 1e-3, 1e6, logarithmic=True, blow=i))
+        free.append(Free(f'tap_peak@{i}', peak, 0.02, 1e-3, MOST_OF_TAP, logarithmic=True, blow=i))
         constants[f'tap_duration@{i}'] = duration
         return
     if recording.kind == 'pendulum' and geometry:
