@@ -8,7 +8,8 @@ import pytest
 from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.joint_fits import _everywhere
 from impactscope.discrepancy.impact.model import Free
-from impactscope.discrepancy.impact.outcome import weigh
+from impactscope.discrepancy.impact.outcome import Outcome, weigh
+from impactscope.discrepancy.impact.search import _without_strayed_line
 
 TIMES = np.linspace(-0.2, 0.8, 1000)
 HUM = 3 * np.sin(2 * np.pi * 50 * TIMES)
@@ -43,7 +44,8 @@ def test_a_hum_is_there_before_the_blow(old, first, stands):
     assert _everywhere(joint, current) is stands
 
 
-def test_a_line_away_from_the_mains_pays_for_every_frequency():
+def hum_at(frequencies):
+    """A hum that gains 70 of chi-square, its fits by frequency, and the fit without it."""
     times = np.linspace(0.0, 1.0, 10)
     blow = SimpleNamespace(times=times)
     model = SimpleNamespace(data=SimpleNamespace(blows=[blow]))
@@ -54,9 +56,8 @@ def test_a_line_away_from_the_mains_pays_for_every_frequency():
     before = SimpleNamespace(
         chi_square=30070.0, layout=layout, residuals=np.full(30000, np.sqrt(30070 / 30000))
     )
-    found = {}
-    for where in (60.1, 87.2):
-        after = SimpleNamespace(
+    fitted = {
+        where: SimpleNamespace(
             reduced=1.0,
             chi_square=30000.0,
             values={frequency.key: where},
@@ -64,10 +65,27 @@ def test_a_line_away_from_the_mains_pays_for_every_frequency():
             residuals=np.ones(30000),
             model=model,
         )
-        found[where] = weigh(hum, after, before, 40)
+        for where in frequencies
+    }
+    return hum, fitted, before
+
+
+def test_a_line_away_from_the_mains_pays_for_every_frequency():
+    hum, fitted, before = hum_at((60.1, 87.2))
+    found = {where: weigh(hum, after, before, 40) for where, after in fitted.items()}
     assert found[60.1].counts(1e-3)
     assert not found[60.1].refused
     assert found[87.2].refused
     assert not found[87.2].counts(1.0)
     assert found[87.2].p_value > found[60.1].p_value  # the chance itself stays one
     assert found[87.2].criterion > found[60.1].criterion
+
+
+@pytest.mark.parametrize(('where', 'stands'), [(60.1, True), (59.49, False)])
+def test_a_line_that_has_left_the_mains_is_no_hum(where, stands):
+    """It was taken for one beside the mains, and the last digits of the fit moved it away."""
+    hum, fitted, before = hum_at((where,))
+    outcome = Outcome(before, fitted[where], [hum], looks=40, p_value=1e-6)
+    _without_strayed_line(outcome)
+    assert outcome.accepted == ([hum] if stands else [])
+    assert (outcome.final is before) is not stands

@@ -517,6 +517,18 @@ class Search:
         check_held_out(outcome, self.thresholds, _MOST)
         if outcome.accepted and outcome.final is not judged:
             outcome.final, outcome.factors = profiled(settled(outcome.final), outcome.accepted)
+        _without_strayed_line(outcome)
+
+
+def _without_strayed_line(outcome: Outcome) -> None:
+    """Drop a hum whose frequency has left the mains, where it does not pay for any other."""
+    if len(outcome.accepted) != 1:
+        return
+    (alone,) = outcome.accepted
+    if weigh(alone, outcome.final, outcome.baseline, outcome.looks).refused:
+        outcome.accepted.clear()
+        outcome.final, outcome.held_out_final = outcome.baseline, outcome.held_out_baseline
+        outcome.tests, outcome.p_value = None, 1.0
 
 
 def _begun_with(candidate: Candidate, other: Fit, without: Fit, looks: int) -> Outcome:
