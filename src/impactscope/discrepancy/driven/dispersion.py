@@ -49,24 +49,49 @@ def levels_above(power: Array, spread: float) -> Array:
     return level
 
 
-def worth_of(before: Sequence[Array], after: Sequence[Array]) -> list[float]:
+def worth_of(
+    before: Sequence[Array], after: Sequence[Array], channels: Sequence[str] = ()
+) -> list[float]:
     """Falls of chi-square from one model to another, by recording, over the dispersion left.
+
+    Recordings of one channel have one noise: what is left of a band is seen by all of them
+    together, too. A level or a drift lives in a few lines of each, which alone tell too little.
 
     Args:
         before: whitened residuals of the smaller model, each shape (n,).
         after: those of the larger one.
+        channels: of each recording; without them every recording stands for itself.
     """
+    left = [np.abs(np.fft.rfft(new)) ** 2 / new.size for new in after]
+    common = _together(left, channels or [str(k) for k in range(len(left))])
     found = []
-    for old, new in zip(before, after, strict=True):
+    for old, new, b, shared in zip(before, after, left, common, strict=True):
         n = new.size
-        a, b = np.abs(np.fft.rfft(old)) ** 2 / n, np.abs(np.fft.rfft(new)) ** 2 / n
+        a = np.abs(np.fft.rfft(old)) ** 2 / n
         twice = np.full(a.size, 2.0)
         twice[0] = 1.0
         if n % 2 == 0:
             twice[-1] = 1.0
-        lines = float(np.sum(twice * (a - b) / levels_above(b, 1.0)))
+        lines = float(np.sum(twice * (a - b) / np.maximum(levels_above(b, 1.0), shared)))
         samples = float(np.sum((old**2 - new**2) / levels_above(new**2, 2.0)))
         gain = float(np.sum(twice * (a - b)))
         least = min(lines, samples, gain) if gain > 0.0 else gain
         found.append(least if math.isfinite(least) else gain)
+    return found
+
+
+def _together(powers: Sequence[Array], channels: Sequence[str]) -> list[Array]:
+    """Levels of the lines of each recording, by those of its whole channel at like frequencies."""
+    found = [np.ones(p.size) for p in powers]
+    for channel in dict.fromkeys(channels):
+        members = [k for k, c in enumerate(channels) if c == channel]
+        if len(members) < 2:
+            continue
+        place = np.concatenate([np.linspace(0.0, 1.0, powers[k].size) for k in members])
+        order = np.argsort(place, kind='stable')
+        level = np.empty(place.size)
+        level[order] = levels_above(np.concatenate([powers[k] for k in members])[order], 1.0)
+        ends = np.cumsum([powers[k].size for k in members])[:-1]
+        for k, part in zip(members, np.split(level, ends), strict=True):
+            found[k] = part
     return found

@@ -132,7 +132,8 @@ class NoiseJudge(Judge):
         pairs = zip(self.segments, small.residuals, large.residuals, strict=True)
         parts = [(s, innovations(s, old), innovations(s, new)) for s, old, new in pairs]
         plain = [float(old @ old - new @ new) for _, old, new in parts]
-        true = worth_of([old for _, old, _ in parts], [new for _, _, new in parts])
+        before, after = [old for _, old, _ in parts], [new for _, _, new in parts]
+        true = worth_of(before, after, [s.channel for s in self.segments])
         lost = [(s.held_out, p - t) for (s, _, _), p, t in zip(parts, plain, true, strict=True)]
         return dataclasses.replace(
             gain,
