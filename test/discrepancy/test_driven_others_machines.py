@@ -14,8 +14,9 @@ from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.baseline import with_rest_at_zero
 from impactscope.discrepancy.driven.findings import _at_an_end, _one_way
+from impactscope.discrepancy.driven.hollow import explains_nothing
 from impactscope.discrepancy.driven.more_than_noise import _comes_and_goes, _no_machine
-from impactscope.discrepancy.driven.prescribed import linear_prescribed
+from impactscope.discrepancy.driven.prescribed import force_counts_against, linear_prescribed
 from impactscope.discrepancy.driven.recordings import Cut
 from impactscope.discrepancy.driven.search import _in_plainer_form
 from impactscope.discrepancy.driven.terms import Number
@@ -116,7 +117,8 @@ def test_a_mass_is_never_less_than_none():
         Cut('a', 'force.x', 'N', 'displacement.x', 'm', False, 0.0, 40.0, -c.output, c.drive, 0.1)
         for c in cuts
     ]
-    assert linear_prescribed(turned)[2].values['mass'] <= 0.0
+    assert force_counts_against(turned)
+    assert not force_counts_against(cuts)
 
 
 def _left(parts, measured=None):
@@ -170,3 +172,51 @@ def test_the_plain_form_of_the_leader_is_kept_beside_richer_ones():
 @pytest.mark.parametrize('unit', ['count', 'counts', 'ticks'])
 def test_raw_counts_are_a_unit(unit):
     assert to_si(unit) == ('1', 1.0)
+
+
+def test_a_force_that_counts_the_other_way_is_turned_and_a_note_says_so():
+    """A damper under gas pressure, whose force is stated as pushing against the motion."""
+    channels, entries = {}, []
+    for i, frequency in enumerate((0.2, 0.5, 0.35)):
+        time = np.arange(2000) / RATE
+        x = 0.03 + 0.015 * np.sin(2.0 * math.pi * frequency * time)
+        v = 0.015 * 2.0 * math.pi * frequency * np.cos(2.0 * math.pi * frequency * time)
+        force = 300.0 * v + 15.0 * np.sign(v) - 43.0 + noise(2000, 0.3, i)
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
+        channels[file] = {
+            'force': ChannelSamples('force', 'N', RATE, 0.0, -force),
+            'displacement': ChannelSamples('displacement', 'm', RATE, 0.0, x),
+        }
+    bench = {'kind': 'prescribed_motion', 'motion': 'displacement', 'output': 'force'}
+    whole = {
+        'version': 1,
+        'bench': bench,
+        'baseline': ['linear_spring_damper'],
+        'recordings': entries,
+    }
+    campaign = parse_campaign(whole, 'damper').with_samples(channels.__getitem__)
+    answer = explain_driven(campaign)
+    assert set(answer.accepted) == {'coulomb_friction', 'offset'}
+    rubs = next(f for f in answer.findings if f.name == 'coulomb_friction')
+    assert rubs.parameters['force'].value == pytest.approx(15.0, rel=0.02)
+    assert answer.extended_parameters['damping'].value == pytest.approx(300.0, rel=0.05)
+    assert any('sign is opposite to that of displacement' in note for note in answer.notes)
+
+
+def test_an_answer_that_leaves_most_of_its_channel_explains_nothing():
+    time = np.arange(400.0)
+    said = SimpleNamespace(
+        accepted=('unknown',),
+        traces=[
+            SimpleNamespace(
+                held_out=False, measured=5.0 + np.sin(time), extended=0.3 * np.sin(time)
+            )
+        ],
+    )
+    assert explains_nothing(said)
+    said.traces[0].extended = 5.0 + 0.8 * np.sin(time)
+    assert not explains_nothing(said)
+    said.traces[0].extended, said.accepted = np.zeros(400), ('unknown', 'offset')
+    assert not explains_nothing(said)
+    assert not explains_nothing(None)

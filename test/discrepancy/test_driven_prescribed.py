@@ -10,7 +10,11 @@ from scipy import signal
 
 from impactscope.discrepancy.driven.fitting import fit
 from impactscope.discrepancy.driven.oscillator import yielded
-from impactscope.discrepancy.driven.prescribed import linear_prescribed, one_speed_told
+from impactscope.discrepancy.driven.prescribed import (
+    force_counts_against,
+    linear_prescribed,
+    one_speed_told,
+)
 from impactscope.discrepancy.driven.recordings import Cut
 
 RATE = 200.0
@@ -153,3 +157,23 @@ def test_one_speed_each_way_does_not_tell_frictions_apart():
     assert 'several speeds' in note
     assert told(1.0, 2.0) == ()
     assert one_speed_told(linear_prescribed([device(swing()[1], swing()[1])])[1]) == ()
+
+
+@pytest.mark.parametrize('spring', [0.0, 300.0, 5000.0])
+def test_a_force_that_counts_against_the_motion_is_known(spring):
+    _, x, v = swing(middle=0.03)
+    rng = np.random.default_rng(3)
+    force = 40.0 + spring * x + 150.0 * v + 20.0 * np.sign(v) + 0.5 * rng.standard_normal(x.size)
+    assert force_counts_against([device(x, -force)])
+    assert not force_counts_against([device(x, force)])
+
+
+def test_a_late_force_and_noise_do_not_count_against_the_motion():
+    _, x, v = swing()
+    late = 5000.0 * np.roll(x, 3)[10:]
+    assert not force_counts_against([device(x[10:], late)])
+    noise = np.random.default_rng(4).standard_normal(x.size)
+    assert not force_counts_against([device(x, noise)])
+    assert not force_counts_against([device(x, 5000.0 * x - 2.0 * v)])
+    assert force_counts_against([device(x, -5000.0 * x)])
+    assert not force_counts_against([device(x, -5000.0 * x + 150.0 * v)])  # away from its middle

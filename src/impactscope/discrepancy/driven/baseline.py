@@ -21,7 +21,7 @@ from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.growing import fit_over_growing_spans, lost_count
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.oscillation import linear_oscillator, reversed_channels
-from impactscope.discrepancy.driven.prescribed import linear_prescribed
+from impactscope.discrepancy.driven.prescribed import force_counts_against, linear_prescribed
 from impactscope.discrepancy.driven.recordings import Cut, cuts, derivative_of
 from impactscope.discrepancy.driven.terms import Term
 from impactscope.errors import ConfigurationError
@@ -139,12 +139,19 @@ def with_the_mass_alone(campaign: Campaign) -> Campaign:
 
 def with_right_signs(campaign: Campaign) -> Campaign:
     """The campaign with the sign of outputs turned that answer their input the wrong way."""
-    drive = str(campaign.bench.get('input', ''))
-    if campaign.kind is not CampaignKind.DRIVEN or drive.lower() in FREE:
+    if campaign.kind is CampaignKind.PRESCRIBED_MOTION:
+        drive, outputs = str(campaign.bench['motion']), [str(campaign.bench['output'])]
+        against = force_counts_against(cuts(campaign, outputs, drive, []))
+        turned = tuple(outputs) if against else ()
+    elif campaign.kind is CampaignKind.DRIVEN:
+        drive = str(campaign.bench.get('input', ''))
+        if drive.lower() in FREE:
+            return campaign
+        outputs = [str(name) for name in campaign.bench['outputs']]
+        parts = cuts(campaign, outputs, drive, [])
+        turned = reversed_channels(parts, spring=sprung(campaign))
+    else:
         return campaign
-    outputs = [str(name) for name in campaign.bench['outputs']]
-    parts = cuts(campaign, outputs, drive, [])
-    turned = reversed_channels(parts, spring=sprung(campaign))
     if not turned:
         return campaign
     note = f'{", ".join(turned)}: the sign is opposite to that of {drive}; it is turned here.'

@@ -22,7 +22,11 @@ from impactscope.discrepancy.driven.decide import Judge, noise_share
 from impactscope.discrepancy.driven.describe import describe
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.guess import equation_start, position_ripple
-from impactscope.discrepancy.driven.hollow import hollow, of_what_is_explained
+from impactscope.discrepancy.driven.hollow import (
+    explains_nothing,
+    hollow,
+    of_what_is_explained,
+)
 from impactscope.discrepancy.driven.modal import Modes, further_modes
 from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
 from impactscope.discrepancy.driven.prescribed import PrescribedModel, one_speed_told
@@ -82,6 +86,8 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
         answer, sure = chain_answer(campaign, model, segments, linear, notes, tell)
     if hollow(answer):
         answer, sure = None, False
+    elif explains_nothing(answer):
+        sure = False
     unknown = answer is not None and answer.accepted == ('unknown',)
     if answer is not None and sure and not (unknown and _modal(campaign, parts)):
         return answer

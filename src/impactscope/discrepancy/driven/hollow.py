@@ -14,7 +14,7 @@ from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.search import Outcome
 
-__all__ = ['hollow', 'of_what_is_explained']
+__all__ = ['explains_nothing', 'hollow', 'of_what_is_explained']
 
 # of a channel: a model that leaves half of the recordings that it was fitted to, and more than the
 # first of some or more than the last of what the baseline leaves of all, explains nothing
@@ -34,10 +34,23 @@ def hollow(answer: Answer | None) -> bool:
         corner = finding.parameters.get('corner')
         if corner is not None and float(corner.value) < corner.std:
             return True
+    return _left(answer) > (HALF_OF_IT if answer.accepted else NEXT_TO_NOTHING)
+
+
+def explains_nothing(answer: Answer | None) -> bool:
+    """Whether an answer is that something is not known, where that is most of the channel.
+
+    Beside so much, noise of some colour may have taken what plain effects would explain.
+    """
+    return answer is not None and answer.accepted == ('unknown',) and _left(answer) > HALF_OF_IT
+
+
+def _left(answer: Answer) -> float:
+    """What is left of the fitted recordings, over what they scatter."""
     told = [t for t in answer.traces if not t.held_out]
     left = sum(float(np.sum((t.measured - t.extended) ** 2)) for t in told)
     power = sum(float(np.sum((t.measured - np.mean(t.measured)) ** 2)) for t in told)
-    return left > (HALF_OF_IT if answer.accepted else NEXT_TO_NOTHING) ** 2 * power
+    return math.sqrt(left / power) if power > 0.0 else 0.0
 
 
 def of_what_is_explained(

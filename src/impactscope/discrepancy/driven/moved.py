@@ -45,6 +45,7 @@ ROUNDED = (0.002, 0.03)  # of the largest speed, in which friction turns round
 STUCK = (0.001,)  # of the largest travel, over which friction builds up; more is hysteresis
 MOST_STUCK = 0.004
 RELAXES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times over the motion's own, to set out from
+ON_A_SAMPLE = 0.02  # of the time between samples, within which a motion turns round on one
 BEYOND = 3.0  # samples, by which a force is continued beyond its ends
 
 
@@ -61,6 +62,7 @@ class MovedNoise:
     wanders: Colour | None = None  # colour of the motion's noise, over its variance
     colour: Colour | None = None  # of the force's noise, over the variance of a sample
     slow: Forgetting | None = None  # whitens it
+    turns: NDArray[np.bool_] | None = None  # samples at which the motion turns round, (n,)
     _kept: dict[int, tuple[Array, Array | None]] = field(
         init=False, repr=False, default_factory=dict
     )
@@ -83,6 +85,8 @@ class MovedNoise:
         if residual.size not in self._kept:
             self._kept[residual.size] = self._weights(residual.size)
         weight, passes = self._kept[residual.size]
+        if self.turns is not None:
+            residual = _between(residual, self.turns)
         even = weight * (residual if self.slow is None else self.slow(residual))
         if passes is None:
             return np.asarray(even)
@@ -94,6 +98,8 @@ class MovedNoise:
         more = np.square(self.device) @ self.ends / self.force**2
         if self.slow is not None:
             more = more * self.slow.scale[-1] ** 2
+        if self.turns is not None:
+            more = np.where(self.turns, np.inf, more)
         share = self.share(0.5 / (size * self.period) * np.arange(size, dtype=np.float64))
         passes = None if np.max(share) < LITTLE else np.sqrt(1.0 - share)
         return 1.0 / np.sqrt(1.0 + more) / self.force, passes
@@ -248,13 +254,18 @@ def moved_case(
         segments = [_segment(c, k) for c, k in zip(cuts, courses, strict=True)]
         model = _linear(cuts, segments, mass)
         made = fit(model, (), segments, {}, tolerance=FINE)
-        bands = [(k.noise, k.band, k.ends, k.colour) for k in courses]
+        both = zip(courses, segments, strict=True)
+        bands = [(k.noise, k.band, k.ends, k.colour, _turns(k, s.period)) for k, s in both]
     else:
         assert isinstance(found.model, MovedModel)  # noqa: S101 - made below
         segments, model, made = list(found.segments), found.model, found.baseline
         known = [s.whitener for s in segments]
-        bands = [(w.motion, w.band, w.ends, w.wanders) for w in known if isinstance(w, MovedNoise)]
-    noise = _noise(cuts, segments, best or made)
+        bands = [
+            (w.motion, w.band, w.ends, w.wanders, w.turns)
+            for w in known
+            if isinstance(w, MovedNoise)
+        ]
+    noise = _noise(cuts, segments, best or made, [turns for *_, turns in bands])
     if not noise > 0.0:
         return None
     device = made.values['stiffness'], made.values['damping'], made.values.get('mass', 0.0)
@@ -263,9 +274,9 @@ def moved_case(
             s,
             weight=weight_by_runs(s.measured, noise),
             noise=noise,
-            whitener=MovedNoise(noise, moved, band, device, s.period, ends, wanders),
+            whitener=MovedNoise(noise, moved, band, device, s.period, ends, wanders, turns=turns),
         )
-        for s, (moved, band, ends, wanders) in zip(segments, bands, strict=True)
+        for s, (moved, band, ends, wanders, turns) in zip(segments, bands, strict=True)
     ]
     if found is None:
         model = dataclasses.replace(model, terms=_terms(cuts, ready, made, noise))
@@ -279,6 +290,23 @@ def moved_case(
         throughout(ready),
         {cuts[0].channel: noise},
     )
+
+
+def _turns(course: Course, period: float) -> NDArray[np.bool_] | None:
+    """Samples at which the motion turns round, shape (n,); None where it does so between them.
+
+    Dry friction may have either sign there, or any force between: which, nobody knows.
+    """
+    _, speed, acceleration = course.motion
+    turns = np.abs(speed) < ON_A_SAMPLE * period * np.abs(acceleration)
+    return turns if np.any(turns) else None
+
+
+def _between(values: Array, left_out: NDArray[np.bool_]) -> Array:
+    """Values with some of them interpolated from their neighbours, shape (n,)."""
+    place = np.arange(values.size)
+    kept = ~left_out
+    return np.where(left_out, np.interp(place, place[kept], values[kept]), values)
 
 
 def _muffled(segments: Sequence[Segment]) -> Callable[[Fit], Sequence[float]]:
@@ -333,14 +361,20 @@ def _linear(cuts: Sequence[Cut], segments: Sequence[Segment], mass: bool) -> Mov
     )
 
 
-def _noise(cuts: Sequence[Cut], segments: Sequence[Segment], made: Fit) -> float:
+def _noise(
+    cuts: Sequence[Cut],
+    segments: Sequence[Segment],
+    made: Fit,
+    turns: Sequence[NDArray[np.bool_] | None],
+) -> float:
     """Standard deviation of a sample of the force: as stated, or from the upper band."""
     stated = cuts[0].noise
     if math.isfinite(stated) and stated > 0.0:
         return stated
     levels = []
-    for s, residual in zip(segments, made.residuals, strict=True):
+    for s, left, turning in zip(segments, made.residuals, turns, strict=True):
         if not s.held_out:
+            residual = left if turning is None else _between(left, turning)
             power = np.abs(np.fft.rfft(residual * np.hanning(residual.size))) ** 2
             upper = power[int(UPPER * power.size) :]
             levels.append(float(np.median(upper)) / math.log(2.0) / (0.375 * residual.size))

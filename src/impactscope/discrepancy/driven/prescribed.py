@@ -28,7 +28,7 @@ from impactscope.discrepancy.driven.relaxation import branch_force, relaxation
 from impactscope.discrepancy.driven.terms import Number, Term
 from impactscope.errors import InputError
 
-__all__ = ['PrescribedModel', 'linear_prescribed', 'one_speed_told']
+__all__ = ['PrescribedModel', 'force_counts_against', 'linear_prescribed', 'one_speed_told']
 
 Array = NDArray[np.float64]
 
@@ -40,6 +40,7 @@ LEAST = 1e-5  # of the largest displacement or speed, within which friction may 
 BOTH_WAYS = 0.02  # share of the samples that must move either way for effects that tell them apart
 ONE_SPEED = 1.5  # ratio of the fastest to the slowest tenth, up to which it is one speed
 MOVES = 0.02  # of the largest speed: what counts as moving
+SHOWN = 0.1  # of a force's scatter, from which it is seen to go with the speed
 RELAXES = (1.0, 0.2, 5.0)  # times over the motion's own, to set out from
 BRANCHES = (0.5, 0.05)  # of the stiffness, likewise
 _FRICTIONS = ('coulomb_friction', 'asymmetric_friction', 'stribeck_friction')
@@ -177,6 +178,23 @@ def one_speed_told(segments: Sequence[Segment]) -> tuple[str, ...]:
     )
 
 
+def force_counts_against(cuts: Sequence[Cut]) -> bool:
+    """Whether the force counts in the other direction than the motion: then it would drive it.
+
+    A device takes power from what moves it, and pushes back where it is pushed. A force that comes
+    late gives some power back as well, but less than its spring pushes; a spring that pulls away
+    from its middle takes power in its damping.
+    """
+    fitted = [c for c in cuts if not c.held_out]
+    motion = np.concatenate([_motion(c) for c in fitted], axis=1)
+    force = np.concatenate([c.output for c in fitted])
+    size = np.maximum(np.sqrt(np.mean(motion**2, axis=1)), 1e-300)
+    columns = np.vstack([motion / size[:, None], np.ones(force.size)])
+    spring, damping, _, _ = np.linalg.lstsq(columns.T, force, rcond=None)[0]
+    least = SHOWN * float(np.std(force))
+    return bool(damping + spring < -least and damping < least)
+
+
 def linear_prescribed(
     cuts: Sequence[Cut], *, spring: bool = True
 ) -> tuple[PrescribedModel, list[Segment], Fit]:
@@ -210,16 +228,13 @@ def linear_prescribed(
     level = float(np.sqrt(np.mean(force**2))) or 1.0
     first = 0 if spring else 1
     linear = np.linalg.lstsq((motion / rms[:, None])[first:].T, force, rcond=None)[0] / rms[first:]
-    # no mass is less than none; a force that counts the other way turns all signs
-    taken = float(np.sum(force * motion[1]))
-    no_less = {'lower': 0.0} if taken >= 0.0 else {'upper': 0.0}
     numbers = tuple(
         Number(
             name,
             unit,
             (float(value),),
             level / float(size),
-            **(no_less if name == 'mass' else {}),
+            **({'lower': 0.0} if name == 'mass' else {}),
         )
         for name, unit, value, size in zip(
             ('stiffness', 'damping', 'mass')[first:],
