@@ -37,6 +37,7 @@ from impactscope.discrepancy.driven.measuring import (
     delayed,
     passed_on,
     power_passed,
+    turned,
 )
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge
@@ -100,13 +101,18 @@ class ChainModel:
             # of the quantity as both channels tell it: the input's noise would lower the gain
             known = segment.drive[2] if len(segment.drive) > 2 else seen + beyond
             seen = seen + values[f'{parts["wrong_parameter"].label}.excess'] * known
+        still = segment.drive[3] if len(segment.drive) > 3 else np.zeros(seen.size)
         if 'clock_error' in parts:
             clock = parts['clock_error'].label
             offset, drift = values.get(f'{clock}.offset', 0.0), values.get(f'{clock}.drift', 0.0)
-            still = segment.drive[3] if len(segment.drive) > 3 else np.zeros(seen.size)
             moved = np.stack([seen, beyond - still])
             seen, beyond = self._retimed(segment, moved, offset, drift)
             beyond = beyond + still
+        filters = parts.get('low_pass_filter')
+        if filters is not None and len(segment.drive) > 3:
+            # what is faint comes as late as by a clock, or a clock would explain more than a filter
+            cutoff = values[f'{filters.label}.cutoff']
+            beyond = turned(filters, cutoff, beyond - still, 1.0 / segment.period) + still
         seen, beyond = gain * seen, gain * beyond
         made = passed_on(
             seen,

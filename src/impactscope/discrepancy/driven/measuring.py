@@ -29,6 +29,7 @@ __all__ = [
     'power_passed',
     'retimed',
     'step_of',
+    'turned',
 ]
 
 Array = NDArray[np.float64]
@@ -161,6 +162,34 @@ def _filtered(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
         return np.asarray(signal.sosfiltfilt(sections, samples))
     begin = signal.sosfilt_zi(sections) * _before(samples)
     return np.asarray(signal.sosfilt(sections, samples, zi=begin)[0])
+
+
+def turned(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
+    """Samples as late as a low-pass makes them, line by line, and as loud as they were.
+
+    Where a signal hardly stands above its noise a low-pass would seem right for smoothing that;
+    its delay does not smooth.
+    """
+    order, both = filter_of(term)
+    if both or not 0.0 < cutoff < _highest(term) * rate:
+        return samples
+    n, pad = samples.size, min(samples.size, 64 + int(order * rate / cutoff))
+    spectrum, length = _spectrum_of_held(samples, pad)
+    if before_sampling(term):
+        response = _analogue(order, cutoff, length, rate)
+    else:
+        response = _digital(order, cutoff, length, rate)
+    size = np.abs(response)
+    turn = np.divide(response, size, out=np.ones_like(response), where=size > 0.0)
+    return np.asarray(np.fft.irfft(spectrum * turn, length)[pad : pad + n])
+
+
+@functools.lru_cache(maxsize=16)
+def _digital(order: int, cutoff: float, length: int, rate: float) -> NDArray[np.complex128]:
+    """Response of a Butterworth of samples by line of the spectrum of ``length`` samples."""
+    lines = np.fft.rfftfreq(length, 1.0 / rate)
+    found = signal.sosfreqz(_low_pass(order, cutoff, rate), lines, fs=rate)[1]
+    return np.asarray(found, np.complex128)
 
 
 def _highest(term: Term) -> float:
