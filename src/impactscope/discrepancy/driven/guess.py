@@ -7,6 +7,7 @@ system resonates or jumps. Noise biases them, so they are a start and nothing mo
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -37,6 +38,7 @@ SCANNED = 10_000  # samples, about
 _FRICTION = {at.KINETIC_FORWARD: 1.0, at.KINETIC_BACKWARD: -1.0}
 _ROUGH = {at.KINETIC_FORWARD, at.KINETIC_BACKWARD, at.STATIC_EXCESS}
 _FALLS = (0.02, 0.04, 0.08, 0.16, 0.32)
+_RESTS = tuple(float(a) for a in np.linspace(-math.pi, math.pi, 72, endpoint=False))  # rad
 _LINEAR = {
     at.MASS,
     at.DAMPING,
@@ -80,12 +82,12 @@ def _motion(segment: Segment, sections: Array) -> Array:
     return np.stack([smooth, spline(segment.time, 1), spline(segment.time, 2)])
 
 
-def _column(slots: Sequence[int], motion: Array, sine: bool) -> Array:
+def _column(slots: Sequence[int], motion: Array, sine: bool, rest: float) -> Array:
     """Force against the input that one unit of a number brings."""
     x, v, a = motion
     p = np.zeros(at.SIZE)
     p[at.HYSTERESIS_EXPONENT] = 1.0
-    p[at.SINE] = float(sine)
+    p[at.SINE], p[at.SINE_ZERO] = float(sine), rest
     force = np.zeros(x.size)
     for slot in slots:
         if slot in _FRICTION:
@@ -106,7 +108,7 @@ def equation_start(
     """Values of the baseline's numbers and of the terms', by key; empty where they cannot be had.
 
     They cannot where the output is no position, or a law is not linear in its numbers; the speed
-    over which friction falls is taken from a ladder.
+    over which friction falls and the angle at which a weight rests are taken from ladders.
     """
     named = [(n.name, n) for n in numbers] + [(key(t, n), n) for t in terms for n in t.numbers]
     slots = []
@@ -115,14 +117,21 @@ def equation_start(
         slots.append(SLOTS.get(label.split('/', 1)[0] + dot + number, ()))
     axis = not any(n.name == 'stiffness' for n in numbers)
     falls = [i for i, s in enumerate(slots) if axis and s == (at.STRIBECK_SPEED,)]
-    linear = all(s and set(s) <= _LINEAR for i, s in enumerate(slots) if i not in falls)
+    rests = [i for i, s in enumerate(slots) if s == (at.SINE_ZERO,)]
+    known = {*falls, *rests}
+    linear = all(s and set(s) <= _LINEAR for i, s in enumerate(slots) if i not in known)
     fitted = [s for s in segments if not s.held_out]
     if not (linear or falls) or any(s.derivative != 0 for s in fitted):
         return {}
+    least = max((n.lower for n in numbers if n.name == 'stiffness'), default=0.0)
     best: tuple[float, dict[str, float]] = (math.inf, {})
-    for share in _FALLS if falls else (math.nan,):
-        left, values = _regressed(named, slots, terms, fitted, axis=axis, share=share)
-        if left < best[0]:
+    for share, rest in itertools.product(
+        _FALLS if falls else (math.nan,), _RESTS if rests else (0.0,)
+    ):
+        left, values = _regressed(named, slots, terms, fitted, axis=axis, share=share, rest=rest)
+        # a weight that would push away from its rest hangs half a turn from there
+        hangs = not rests or values.get('stiffness', -math.inf) > least
+        if left < best[0] and hangs:
             best = left, values
     return best[1]
 
@@ -135,11 +144,14 @@ def _regressed(
     *,
     axis: bool,
     share: float,
+    rest: float,
 ) -> tuple[float, dict[str, float]]:
     """What the equation of motion leaves, and the values by key.
 
-    ``share``: of the largest speed, over which friction at rest falls.
+    ``share``: of the largest speed, over which friction at rest falls. ``rest``: angle at which a
+    weight hangs, if any does.
     """
+    ladders = {(at.SINE_ZERO,): rest}
     sine = any(t.fixed for t in terms)
     has_mass = any(name == 'mass' for name, _ in named)
     rows, targets, fastest = [], [], 0.0
@@ -156,16 +168,16 @@ def _regressed(
         for s in slots:
             if axis and s == (at.STATIC_EXCESS,):
                 column = np.sign(speed) * np.exp(-((speed / (share * fastest)) ** 2))
-            elif axis and s == (at.STRIBECK_SPEED,):
+            elif s in ladders or (axis and s == (at.STRIBECK_SPEED,)):
                 continue
             else:
-                column = _column(s, motion, sine)
+                column = _column(s, motion, sine, rest)
             columns.append(column)
         if axis and has_mass:
             # What friction holds at rest is not what it is in motion. Forces that jump go through
             # the filter that the motion has gone through.
             inside &= np.abs(speed) > STANDS * fastest
-            kept = [s for s in slots if s != (at.STRIBECK_SPEED,)]
+            kept = [s for s in slots if s != (at.STRIBECK_SPEED,) and s not in ladders]
             columns = [
                 signal.sosfiltfilt(sections, c) if set(s) & _ROUGH else c
                 for s, c in zip(kept, columns, strict=True)
@@ -177,7 +189,11 @@ def _regressed(
     size = np.linalg.norm(matrix, axis=0)
     if not np.all(size > 0.0):
         return math.inf, {}
-    told = [n for s, n in zip(slots, named, strict=True) if s != (at.STRIBECK_SPEED,) or not axis]
+    told = [
+        n
+        for s, n in zip(slots, named, strict=True)
+        if s not in ladders and (s != (at.STRIBECK_SPEED,) or not axis)
+    ]
     if axis:
         # open loop, a damping below zero would run away
         least = [max(n.lower, 0.0) if name == 'damping' else n.lower for name, n in told]
@@ -192,6 +208,8 @@ def _regressed(
     for s, (name, n) in zip(slots, named, strict=True):
         if axis and s == (at.STRIBECK_SPEED,):
             values[name] = float(np.clip(share * fastest, n.lower, n.upper))
+        elif s in ladders:
+            values[name] = ladders[s]
     return float(np.sum((target - matrix @ solution) ** 2)), values
 
 
