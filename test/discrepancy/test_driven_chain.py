@@ -312,3 +312,39 @@ def swept(part, sizes, finer=16):
     bench = {'kind': 'chain', 'input': 'acceleration.raw', 'output': 'acceleration.processed'}
     data = {'version': 1, 'bench': bench, 'recordings': entries}
     return parse_campaign(data).with_samples(channels.__getitem__)
+
+
+def test_a_low_pass_where_most_of_the_signal_is_faint():
+    """Its delay shows in lines that hardly stand above the noise, as that of a clock would."""
+    fine, n, cutoff, noise = 4, 5000, 1700.0, 0.05
+    rng = np.random.default_rng(77)
+    colour = signal.butter(1, 30.0, fs=RATE * fine, output='sos')
+    first = signal.butter(1, cutoff, fs=RATE * fine, output='sos')
+    below = signal.butter(8, 1600.0, fs=RATE * fine, output='sos')  # half the rate is 2 kHz
+    burst = np.pad(np.hanning(3000 * fine), 1000 * fine)  # between quiet stretches
+    entries, channels = [], {}
+    for i in range(4):
+        white = signal.sosfilt(below, rng.standard_normal(n * fine))
+        true = 40.0 * burst * signal.sosfilt(colour, white)
+        out = signal.sosfilt(first, true)[::fine]
+        hum = 0.05 * np.sin(2.0 * np.pi * 50.0 * np.arange(n) / RATE + i)
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == 3 else 'fit'})
+        ends = {
+            'acceleration.raw': true[::fine] + noise * rng.standard_normal(n),
+            'acceleration.processed': out + hum + noise * rng.standard_normal(n),
+        }
+        channels[file] = {
+            name: ChannelSamples(name, 'm/s^2', RATE, 0.0, values) for name, values in ends.items()
+        }
+    bench = {'kind': 'chain', 'input': 'acceleration.raw', 'output': 'acceleration.processed'}
+    data = {
+        'version': 1,
+        'bench': bench,
+        'gain_std': {'acceleration': 0.005},
+        'recordings': entries,
+    }
+    answer = explain_driven(parse_campaign(data).with_samples(channels.__getitem__))
+    assert set(answer.accepted) == {'low_pass_filter', 'mains_hum'}
+    found = next(f for f in answer.findings if f.name == 'low_pass_filter')
+    assert found.parameters['cutoff'].value == pytest.approx(cutoff, rel=0.1)

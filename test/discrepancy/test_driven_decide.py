@@ -79,6 +79,16 @@ def test_worse_predictions_are_refused():
     assert not judge.better(small, fits([0.7 * fitted, 1.1 * held_out], 1))
 
 
+def test_what_is_not_seen_where_it_was_fitted_is_not_found():
+    """A number that only helps to predict: a free swing's slight error of frequency, say."""
+    n = 20_000
+    slow = np.repeat(np.random.default_rng(7).standard_normal(n // 100), 100)
+    judge = Judge(segments(n), 10)
+    before = fits([slow, slow], 0)
+    assert not judge.better(before, fits([0.9999 * slow, 0.5 * slow], 1))
+    assert judge.better(before, fits([0.9 * slow, 0.5 * slow], 1))
+
+
 def test_real_pendulum():
     """Fitted to swing 03, swings 01 and 02 are predicted (README of the recordings)."""
     recordings = [

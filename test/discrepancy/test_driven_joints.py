@@ -83,7 +83,10 @@ def test_an_output_that_no_oscillator_explains_is_called_so():
 @pytest.mark.parametrize(
     ('name', 'value', 'std', 'there'),
     [
-        ('coefficient', 18.6, 18.0, True),
+        ('coefficient', 37.0, 18.0, True),
+        ('coefficient', 18.6, 18.0, False),
+        ('offset', -0.0105, 0.0105, False),
+        ('rate', 2e-4, 4e-4, False),
         ('coefficient', 0.1, 0.3, False),
         ('corner', 1e-4, 4e-4, False),
     ],

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
@@ -64,3 +65,32 @@ def test_noise_of_such_a_channel_is_not_below_that_of_its_steps(begun):
     segment = begun.segments[0]
     quiet = np.zeros(segment.measured.size)
     assert _floor(segment, quiet) == pytest.approx(STEP / np.sqrt(12.0), rel=1e-3)
+
+
+@pytest.mark.parametrize('rests', [-1.2, 0.4, 2.5])
+def test_a_weight_that_hangs_far_from_the_zero_is_begun_at_its_rest(rests):
+    """A leg that is let fall: in a straight spring's numbers nothing tells where it hangs."""
+    time = np.arange(700) / 200.0
+    angle = solve_ivp(
+        lambda _t, y: (y[1], -35.0 * np.sin(y[0] - rests) - 0.9 * y[1]),
+        (0.0, time[-1]),
+        (rests + 1.1, 0.0),
+        t_eval=time,
+        rtol=1e-9,
+        atol=1e-11,
+    ).y[0]
+    angle += 1e-3 * np.random.default_rng(5).standard_normal(time.size)
+    channel = ChannelSamples('displacement.knee', 'rad', 200.0, 0.0, angle)
+    whole = {
+        'version': 1,
+        'bench': {'kind': 'driven', 'input': 'none', 'outputs': ['displacement.knee']},
+        'baseline': ['linear_sensor'],
+        'recordings': [{'file': 'k.mcap'}],
+    }
+    campaign = parse_campaign(whole, 'leg').with_samples(lambda _file: {channel.name: channel})
+    begun = linear_start(campaign, [])
+    tilted = next(t for t in begun.model.terms if t.label == 'restoring_force/tilted')
+    found = equation_start(begun.model.numbers, (tilted,), begun.segments)
+    assert found['restoring_force/tilted.rest_angle'] == pytest.approx(rests, abs=0.06)
+    assert found['stiffness'] == pytest.approx(35.0, rel=0.05)
+    assert found['damping'] == pytest.approx(0.9, rel=0.1)

@@ -110,7 +110,7 @@ class ChainModel:
             beyond = beyond + still
         filters = parts.get('low_pass_filter')
         if filters is not None and len(segment.drive) > 3:
-            # what is faint comes as late as by a clock, or a clock would explain more than a filter
+            # what is faint comes as late as by a clock, or a clock would explain more
             cutoff = values[f'{filters.label}.cutoff']
             beyond = turned(filters, cutoff, beyond - still, 1.0 / segment.period) + still
         seen, beyond = gain * seen, gain * beyond

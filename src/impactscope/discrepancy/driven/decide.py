@@ -143,7 +143,8 @@ class Judge:
     def better(self, small: Fit, large: Fit) -> bool:
         """Whether the larger model is to be believed."""
         gain = self.gain(small, large)
-        if gain.held_out_worse or gain.fitted < -1e-9:
+        # numbers gain one each by chance: what is not seen where it was fitted is not found
+        if gain.held_out_worse or gain.fitted < max(gain.numbers, 0) - 1e-9:
             return False
         return gain.total > self.needed(gain)
 

@@ -33,7 +33,7 @@ MOST_NUMBERS = 3  # that may be added to the baseline
 TIE = 2.0  # difference of two criteria that means nothing
 ALL_NOISE = 0.9  # of a residual's power
 BRIEF = 20  # evaluations after which it is seen which of two starts is better
-CLEARLY = 1.0  # standard uncertainties from which an amount is there
+CLEARLY = 2.0  # standard uncertainties from which an amount is there
 AMOUNTS = frozenset(
     {
         'force',
@@ -50,6 +50,9 @@ AMOUNTS = frozenset(
         'stiffness',
         'share',
         'value',
+        'rate',
+        'offset',
+        'drift',
         'sine',
         'cosine',
     }
