@@ -31,6 +31,7 @@ from impactscope.discrepancy.driven.modal import Modes, further_modes
 from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
 from impactscope.discrepancy.driven.prescribed import PrescribedModel, one_speed_told
 from impactscope.discrepancy.driven.recordings import Cut
+from impactscope.discrepancy.driven.right_units import told, with_right_units
 from impactscope.discrepancy.driven.ripple import ripple_of_motion
 from impactscope.discrepancy.driven.search import Effort, Outcome, search
 from impactscope.discrepancy.driven.strangers import Verdict
@@ -68,6 +69,12 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     tell = progress or (lambda _share, _text: None)
     tell(0.02, 'fitting the baseline')
     campaign = with_rest_at_zero(with_right_signs(with_the_mass_alone(campaign)))
+    campaign, wrong = with_right_units(campaign)
+    return told(_explained(campaign, tell), wrong)
+
+
+def _explained(campaign: Campaign, tell: Progress) -> Answer:
+    """The answer for a campaign whose signs and units are right."""
     notes = list(campaign.notes)
     begun = linear_start(campaign, notes)
     parts, model, segments, linear = begun.parts, begun.model, begun.segments, begun.linear
@@ -122,7 +129,7 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
     )
     if modes is not None and not _prefer(modes.fit, outcome, judge):
         modes = None
-    told = len(notes)
+    known = len(notes)
     if campaign.kind is CampaignKind.DRIVEN and modes is None:
         outcome = of_what_is_explained(campaign, outcome, segments, notes)
     lengthy = (
@@ -133,7 +140,7 @@ def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answ
         and modes is None
         and (coarse or outcome.believed)
         and not (lengthy and outcome.believed)
-        and not (len(notes) > told and _counted(segments) > MOST_HOLLOW)
+        and not (len(notes) > known and _counted(segments) > MOST_HOLLOW)
     ):
         tell(0.85, 'searching to the noise')
         seed = outcome.best if outcome.believed else None
