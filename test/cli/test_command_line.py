@@ -172,6 +172,24 @@ def test_convert_describes_and_writes(capsys, tmp_path):
     assert 'furlong' in err
 
 
+def test_convert_takes_dates_and_times_without_a_unit(capsys, tmp_path):
+    table = tmp_path / 'log.csv'
+    rows = [f'2025-11-14T20:07:{i / 10:06.3f},{i % 7}' for i in range(500)]
+    table.write_text('#t,Fz\n' + '\n'.join(rows), encoding='utf-8')
+    made = tmp_path / 'log.mcap'
+    code, out, _ = run(
+        capsys, 'convert', table, made, '--time-column', 't', '--channel', 'force=Fz:N'
+    )
+    assert code == 0
+    assert '10 Hz' in out
+
+
+def test_help_of_convert_tells_of_the_mapping_file(capsys):
+    _, out, _ = run(capsys, 'convert', '--help')
+    assert 'docs/convert.md' in out
+    assert 'scale: -1' in ' '.join(out.split())
+
+
 def test_hostile_text_is_shown_as_text(capsys, tmp_path):
     path = tmp_path / 'hostile.mcap'
     channel = '[red]force[/red]<script>alert(1)</script>'

@@ -13,6 +13,7 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.baseline import with_rest_at_zero
+from impactscope.discrepancy.driven.explain import _left_more
 from impactscope.discrepancy.driven.findings import _at_an_end, _one_way
 from impactscope.discrepancy.driven.hollow import explains_nothing
 from impactscope.discrepancy.driven.more_than_noise import _comes_and_goes, _no_machine
@@ -220,3 +221,17 @@ def test_an_answer_that_leaves_most_of_its_channel_explains_nothing():
     said.traces[0].extended, said.accepted = np.zeros(400), ('unknown', 'offset')
     assert not explains_nothing(said)
     assert not explains_nothing(None)
+
+
+@pytest.mark.parametrize(
+    ('fitted', 'held_out', 'more'), [(0.59, 0.45, True), (0.59, 0.35, False), (0.33, 0.45, False)]
+)
+def test_an_answer_that_leaves_more_than_a_plainer_one_is_none(fitted, held_out, more):
+    """Five effects in slow noise against three that leave less of both recordings."""
+    segments = [SimpleNamespace(channel='x', held_out=held) for held in (False, True)]
+    made = SimpleNamespace(residuals=(np.full(50, 0.36), np.full(50, 0.35)))
+    figures = SimpleNamespace(rmse={'x': fitted}, held_out_rmse={'x': held_out})
+    answer = SimpleNamespace(fit=SimpleNamespace(extended=figures))
+    assert _left_more(answer, made, segments) is more
+    assert not _left_more(answer, None, segments)
+    assert not _left_more(answer, made, segments[:1])

@@ -3,10 +3,14 @@
 import contextlib
 import json
 import math
+import zipfile
+from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
 import scipy.io
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -438,3 +442,173 @@ def test_structures_and_cells_of_matlab_are_read_and_the_rest_is_told(tmp_path):
     scipy.io.savemat(file, {'cube': cube})
     with pytest.raises(RecordingError, match='no numeric variables: cube'):
         read_columns(file)
+
+
+STAMPED = [  # heading, a row of a date and time and a number: all at 50 Hz
+    ('stamp,F', '{date} {clock}{s:06.3f},{x}'),
+    ('stamp;F', '{date} {clock}{s:06.3f};{x},0'),
+    ('stamp\tF', '{date}T{clock}{s:06.3f}Z\t{x}'),
+    ('"stamp","F"', '"{date}T{clock}{s:06.3f}+01:00","{x}"'),
+    ('stamp F', '{date} {clock}{s:06.3f} {x}'),
+    ('# stamp,F', '{date} {clock}{s:09.6f},{x}'),
+]
+
+
+@pytest.mark.parametrize('key', [0, 'stamp'])
+@pytest.mark.parametrize(('heading', 'row'), STAMPED)
+def test_dates_and_times_are_seconds_from_the_first(tmp_path, heading, row, key):
+    def clock(k):
+        return f'23:{58 + k // 3000}:' if k < 6000 else '00:00:'
+
+    rows = [
+        row.format(
+            date='2025-11-14' if k < 6000 else '2025-11-15', clock=clock(k), s=k % 3000 / 50, x=k
+        )
+        for k in range(6100)
+    ]
+    if ';' in heading:
+        rows = [line.replace('.', ',') for line in rows]
+    file = tmp_path / 'a.csv'
+    file.write_text('\n'.join(['logger 7', heading, *rows]), encoding='utf-8')
+    mapping = ColumnMapping((ColumnSpec('force', 'F', 'N'),), time=key)
+    made = convert(file, tmp_path / 'a.mcap', mapping)
+    assert (made.samples, made.sample_rate) == (6100, 50.0)
+    assert stream(made.path, 'force')[1].tolist() == list(range(6100))
+    assert read_columns(file).column(key)[-1] == pytest.approx(6099 / 50, abs=1e-9)
+    first, second = describe(file)
+    assert first == "0 'stamp' (6100 rows, dates and times as s from the first)"
+    assert second == "1 'F' (6100 rows)"
+
+
+def test_dates_and_times_in_the_head_of_numbers_stay_there(tmp_path):
+    file = tmp_path / 'a.csv'
+    file.write_text('2025-11-14 20:07:10\n1.0\n2.0\n3.0\n', encoding='utf-8')
+    assert read_columns(file).column(0).tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ('rows', 'message'),
+    [
+        ('2025-11-14 20:07:61,1', "line 3, column 0: '2025-11-14 20:07:61' is no date and time"),
+        ('7.5,1', "line 3, column 0: '7.5' is no date and time"),
+        ('2025-11-14 20:07:11Z,1', 'one has a time zone, one has none'),
+    ],
+)
+def test_dates_and_times_that_are_none(tmp_path, rows, message):
+    file = tmp_path / 'a.csv'
+    good = [f'2025-11-14 20:07:{s},1' for s in range(20, 30)]
+    file.write_text('\n'.join(['t,F', '2025-11-14 20:07:10,1', rows, *good]), encoding='utf-8')
+    with pytest.raises(RecordingError, match=message):
+        read_columns(file)
+
+
+def test_other_dates_are_named(tmp_path):
+    file = tmp_path / 'a.csv'
+    file.write_text('t,F\n1.5.2025 20:07,1\n2.5.2025 20:07,2\n', encoding='utf-8')
+    with pytest.raises(RecordingError, match=r"column 0 .* is '2\.5\.2025 20:07', neither"):
+        read_columns(file)
+
+
+def test_a_missing_date_and_time_is_refused_with_its_row(tmp_path):
+    file = tmp_path / 'a.csv'
+    file.write_text(
+        't,F\n2025-11-14 20:07:10,1\n,2\n2025-11-14 20:07:12,3\n2025-11-14 20:07:13,3\n',
+        encoding='utf-8',
+    )
+    mapping = ColumnMapping((ColumnSpec('force', 1, 'N'),), time='t')
+    with pytest.raises(InputError, match='row 1: the time is nan'):
+        convert(file, tmp_path / 'a.mcap', mapping)
+    mapping = ColumnMapping((ColumnSpec('force', 1, 'N'),), time='t', time_unit='ms')
+    with pytest.raises(InputError, match=r"dates and times, which are read in s; .*'ms'"):
+        convert(file, tmp_path / 'a.mcap', mapping)
+
+
+def test_many_numbers_are_read_quickly(tmp_path):
+    file = tmp_path / 'a.csv'
+    np.savetxt(file, np.column_stack([np.arange(1e5) / 1e3] * 2), delimiter=',', fmt='%.4f')
+    began = process_time()
+    assert read_columns(file).arrays[''].shape == (100_000, 2)
+    assert process_time() - began < 5.0
+
+
+@pytest.mark.parametrize(
+    ('member', 'message'),
+    [
+        ('xl/workbook.xml', "'a.xlsx' is an Excel workbook: save its sheet as CSV"),
+        ('content.xml', 'is an OpenDocument workbook: save its sheet as CSV'),
+        ('blow.csv', "is a ZIP archive and 'blow.csv' in it no NumPy array: unpack it"),
+    ],
+)
+def test_workbooks_and_archives_are_told_by_their_content(tmp_path, member, message):
+    with zipfile.ZipFile(tmp_path / 'a.xlsx', 'w') as archive:
+        archive.writestr(member, '1,2')
+    with pytest.raises(RecordingError, match=message):
+        read_columns(tmp_path / 'a.xlsx')
+
+
+def test_an_old_workbook_is_told_by_its_content(tmp_path):
+    (tmp_path / 'a.xls').write_bytes(bytes.fromhex('d0cf11e0a1b11ae1') + bytes(600))
+    with pytest.raises(RecordingError, match=r'is an Excel workbook \(\.xls\) .* save it as CSV'):
+        read_columns(tmp_path / 'a.xls')
+
+
+@pytest.mark.parametrize('resample', [False, True])
+def test_times_that_run_backwards_are_refused_with_what_helps(tmp_path, resample):
+    times = np.arange(100) / 1000.0
+    times[40:] -= 0.01
+    np.save(tmp_path / 'a.npy', np.column_stack([times, times]))
+    specs = (ColumnSpec('force', 1, 'N'),)
+    with pytest.raises(
+        InputError,
+        match=r"'a.npy'.* row 40: the time .* \(0\.039 s, then 0\.03 s\); .*--sample-rate",
+    ):
+        mapping = ColumnMapping(specs, time=0, resample=resample)
+        convert(tmp_path / 'a.npy', tmp_path / 'a.mcap', mapping)
+    made = convert(
+        tmp_path / 'a.npy', tmp_path / 'a.mcap', ColumnMapping(specs, sample_rate=1000.0)
+    )
+    assert made.samples == 100
+
+
+@pytest.mark.parametrize(
+    ('heading', 'delimiter', 'keys'),
+    [
+        ('#t,F', ',', ('t', '#t', 0)),
+        ('# t F', ' ', ('t', '# t', 0)),
+        ('% t;F', ';', ('t', '% t', 0)),
+        ('#,F', ',', ('#', 0)),
+    ],
+)
+def test_the_mark_of_a_comment_is_no_part_of_a_heading(tmp_path, heading, delimiter, keys):
+    file = tmp_path / 'a.csv'
+    rows = [delimiter.join((f'{0.1 * i:.1f}', str(i * i))) for i in range(5)]
+    file.write_text('\n'.join([heading, *rows]), encoding='utf-8')
+    read = read_columns(file)
+    assert read.names == (keys[0], 'F')
+    for key in keys:
+        np.testing.assert_allclose(read.column(key), 0.1 * np.arange(5))
+
+
+def test_a_mapping_takes_the_names_of_the_command_line():
+    channels = {'force': {'column': 'F', 'unit': 'N'}}
+    for key, value, time_and_unit in [
+        ('time', 't', ('t', 's')),
+        ('time_column', 't', ('t', 's')),
+        ('time-column', 0, (0, 's')),
+        ('time-column', '0:ms', (0, 'ms')),
+        ('time_column', 'Time (s):us', ('Time (s)', 'us')),
+    ]:
+        mapping = ColumnMapping.from_mapping({'channels': channels, key: value})
+        assert (mapping.time, mapping.time_unit) == time_and_unit
+    mapping = ColumnMapping.from_mapping({'channels': channels, 'sample-rate': 5.0})
+    assert mapping.sample_rate == 5.0
+    with pytest.raises(ConfigurationError, match='names `time` and `time_column`'):
+        ColumnMapping.from_mapping({'channels': channels, 'time': 0, 'time-column': 0})
+
+
+def test_the_mapping_file_of_the_docs_is_one():
+    page = Path(__file__).parents[2] / 'docs/convert.md'
+    example = page.read_text(encoding='utf-8').split('```yaml\n')[1].split('```')[0]
+    mapping = ColumnMapping.from_mapping(yaml.safe_load(example))
+    assert (mapping.time, mapping.time_unit) == ('t', 'ms')
+    assert [spec.scale for spec in mapping.channels] == [-1.0, 1.0]

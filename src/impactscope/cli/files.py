@@ -157,6 +157,8 @@ def convert(
     """Turn CSV, NumPy or MATLAB data into a recording. Without a destination: describe the file.
 
     Example: impactscope convert blow.csv blow.mcap --time-column 0:s --channel force=1:N
+
+    A sign is turned by `scale: -1` of a channel in a mapping file (--mapping; docs/convert.md).
     """
     from impactscope import recordings
 

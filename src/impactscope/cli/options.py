@@ -44,7 +44,12 @@ Inputs = Annotated[
 
 
 MappingFile = Annotated[
-    Optional[Path], typer.Option('--mapping', help='YAML file that maps columns to channels.')
+    Optional[Path],
+    typer.Option(
+        '--mapping',
+        help='YAML file in place of --channel, --time-column and the like; it may scale channels '
+        '(-1 turns the sign). Example: docs/convert.md.',
+    ),
 ]
 Channels = Annotated[
     Optional[list[str]],
@@ -53,7 +58,11 @@ Channels = Annotated[
     ),
 ]
 TimeColumn = Annotated[
-    str, typer.Option('--time-column', help="Column of time as 'column:unit', such as 0:s.")
+    str,
+    typer.Option(
+        '--time-column',
+        help="Column of time as 'column:unit', such as 0:s; dates and times need no unit.",
+    ),
 ]
 SampleRate = Annotated[
     Optional[float],
@@ -96,17 +105,17 @@ def column_mapping(
     transpose: bool = False,
 ) -> 'ColumnMapping | None':
     """The mapping of a file of columns as given; None where nothing was."""
-    from impactscope.recordings import ColumnMapping
+    from impactscope.recordings import ColumnMapping, time_and_unit
 
     if file is not None:
         return ColumnMapping.from_yaml(file)
     if not channels:
         return None
-    column, _, unit = time_column.rpartition(':')
+    time, time_unit = time_and_unit(time_column)
     return ColumnMapping.from_strings(
         channels,
-        time=(int(column) if column.isdecimal() else column) if column else None,
-        time_unit=unit or 's',
+        time=time,
+        time_unit=time_unit,
         sample_rate=sample_rate,
         skip_rows=skip_rows,
         transpose=transpose,

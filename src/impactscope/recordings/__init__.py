@@ -2,7 +2,7 @@
 
 from .batch import Damage
 from .column_files import ColumnFile, describe, read_columns
-from .column_mapping import ColumnMapping, ColumnSpec
+from .column_mapping import ColumnMapping, ColumnSpec, time_and_unit
 from .convert import Conversion, convert
 from .info import AttachmentInfo, Reading, RecordingInfo, TopicInfo, file_sha256
 from .reader import RawMessage, Recording, open_recording
@@ -35,5 +35,6 @@ __all__ = [
     'open_recording',
     'read_columns',
     'read_streams',
+    'time_and_unit',
     'to_si',
 ]

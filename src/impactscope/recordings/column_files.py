@@ -8,9 +8,11 @@ import csv
 import dataclasses
 import json
 import re
+import zipfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +30,11 @@ MOST_LISTED = 100  # columns of a lying table that are named one by one
 _DELIMITERS = (',', ';', '\t', '|')
 _NUMPY_MAGIC, _ZIP_MAGIC, _HDF5_MAGIC = b'\x93NUMPY', b'PK\x03\x04', b'\x89HDF'
 _MATLAB_MAGIC = b'MATLAB 5.0 MAT-file'
+_OLE_MAGIC = b'\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1'  # Office before 2007
 _CONTROL = re.compile(rb'[\x00-\x08\x0e-\x1f\x7f]')  # no text has them
+_STAMP = re.compile(r'\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d')  # date and time of day
+_DATE_END = re.compile(r'(?<=\d{4}-\d\d-\d\d) (?=\d\d:\d\d)')
+_HEADING_MARKS = '#% '  # before the headings of programs that take them for a comment
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +50,7 @@ class ColumnFile:
     names: tuple[str, ...] = ()
     first_row: int = 1  # line of the file on which the data begins
     passed_over: tuple[str, ...] = ()  # variables that are no tables, and what they are
+    stamped: frozenset[int] = frozenset()  # columns of dates and times, as s from their first
 
     def column(self, key: str | int) -> NDArray[np.float64]:
         """One column, shape (n_rows,).
@@ -54,14 +61,12 @@ class ColumnFile:
 
         Raises MissingChannelError where it is not there.
         """
-        name, index = '', key
-        if isinstance(key, str):
-            if key in self.names:
-                index = self.names.index(key)
-            elif key in self.arrays:
-                name, index = key, 0
+        name, index = '', self._place(key)
+        if isinstance(index, str):
+            if index in self.arrays:
+                name, index = index, 0
             else:
-                name, _, rest = key.rpartition('[')
+                name, _, rest = index.rpartition('[')
                 index = int(rest[:-1]) if rest[:-1].isdecimal() and rest[-1:] == ']' else -1
         table = self.arrays.get(name)
         if table is None and isinstance(key, int) and len(self.arrays) == 1:
@@ -76,6 +81,18 @@ class ColumnFile:
                 f"name one, as in '{key}[0]'"
             )
         return table[:, int(index)]
+
+    def is_stamped(self, key: str | int) -> bool:
+        """Whether a column held dates and times."""
+        return self._place(key) in self.stamped
+
+    def _place(self, key: str | int) -> str | int:
+        """Index of a heading, with or without the mark before it; another key as it is."""
+        if isinstance(key, str):
+            for name in (key, key.lstrip(_HEADING_MARKS) or key):
+                if name in self.names:
+                    return self.names.index(name)
+        return key
 
     def keys(self) -> list[str]:
         """What :meth:`column` takes, and how many rows each has."""
@@ -93,7 +110,8 @@ class ColumnFile:
                     label = name if columns == 1 else f'{name}[{i}]'
                 else:
                     label = f'{i} {self.names[i]!r}' if i < len(self.names) else str(i)
-                found.append(f'{label} ({rows} rows)')
+                dated = ', dates and times as s from the first' if i in self.stamped else ''
+                found.append(f'{label} ({rows} rows{dated})')
         return found
 
 
@@ -113,11 +131,31 @@ def _number(field: str) -> float:
     return float(text.replace(',', '.', 1)) if text else np.nan
 
 
-def _numeric(fields: list[str]) -> bool:
+def _seconds(field: str, j: int, first: dict[int, datetime]) -> float:
+    """A date and time in column j as s from the first one there; NaN where it is empty."""
+    text = field.strip()
+    if not text:
+        return np.nan
+    stamp = datetime.fromisoformat(text)
+    return (stamp - first.setdefault(j, stamp)).total_seconds()
+
+
+def _stamped(fields: list[str]) -> frozenset[int]:
+    """Columns in which a date and time stands."""
+    return frozenset(j for j, field in enumerate(fields) if _STAMP.match(field))
+
+
+def _numeric(fields: list[str], stamped: Collection[int] = ()) -> bool:
+    """Whether these are numbers, beside dates and times in the columns ``stamped``."""
     try:
-        return bool([_number(f) for f in fields if f.strip()])
+        found = [
+            _seconds(f, j, {}) if j in stamped else _number(f)
+            for j, f in enumerate(fields)
+            if f.strip()
+        ]
     except ValueError:
         return False
+    return bool(found)
 
 
 def _delimiter_of(tail: list[str]) -> str | None:
@@ -125,7 +163,8 @@ def _delimiter_of(tail: list[str]) -> str | None:
     text = ''.join(tail)
     others = [d for d in _DELIMITERS if d != ',' and d in text]
     if ',' in text and others:
-        numeric = sum(_numeric(_split(line, others[0])) for line in tail)
+        rows = [_split(line, others[0]) for line in tail]
+        numeric = sum(_numeric(fields, _stamped(fields)) for fields in rows)
         if 2 * numeric >= len(tail):  # headings may be among a short file's last lines
             return others[0]
     return ',' if ',' in text else next(iter(others), None)
@@ -157,25 +196,34 @@ def _text_of(path: Path) -> str:
 
 def _read_text(path: Path, skip_rows: int | None, delimiter: str | None) -> ColumnFile:
     lines = _text_of(path).splitlines()
-    tail = [line for line in lines[-100:] if line.strip()]
+    tail = [line for line in lines[skip_rows or 0 :][-100:] if line.strip()]
     if delimiter is None:
         delimiter = _delimiter_of(tail[-10:])
+    if delimiter is None:  # the blank inside a date and time parts no columns
+        lines, tail = ([_DATE_END.sub('T', line) for line in part] for part in (lines, tail))
+    ends = [_split(line, delimiter) for line in tail]
+    # A header may hold numbers as well: the data are as wide as most of the last lines.
+    widths = Counter(len(fields) for fields in ends).most_common(1)
+    alike = [fields for fields in ends if len(fields) == widths[0][0]]
+    stamps = Counter(_stamped(fields) for fields in reversed(alike)).most_common(1)
+    stamped = stamps[0][0] if stamps else frozenset()
     first = skip_rows
     if first is None:
-        # A header may hold numbers as well: the data are as wide as most of the last lines.
-        widths = Counter(len(_split(line, delimiter)) for line in tail).most_common(1)
         first = len(lines)
         for i, line in enumerate(lines):
             fields = _split(line, delimiter)
-            if _numeric(fields) and len(fields) == widths[0][0]:
+            if _numeric(fields, stamped) and len(fields) == widths[0][0]:
                 first = i
                 break
         _refuse_ragged(path, lines[:first], first, delimiter)
     rows = [(i, line) for i, line in enumerate(lines[first:], first + 1) if line.strip()]
     if not rows:
-        raise RecordingError(f'{path.name!r} has no rows of numbers after {first} header lines')
+        raise RecordingError(
+            f'{path.name!r} has no rows of numbers after {first} header lines{_odd(ends, stamped)}'
+        )
     width = len(_split(rows[0][1], delimiter))
     table = np.empty((len(rows), width))
+    origins: dict[int, datetime] = {}
     for k, (number, line) in enumerate(rows):
         fields = _split(line, delimiter)
         if len(fields) != width:
@@ -184,14 +232,39 @@ def _read_text(path: Path, skip_rows: int | None, delimiter: str | None) -> Colu
             )
         for j, field in enumerate(fields):
             try:
-                table[k, j] = _number(field)
+                table[k, j] = _seconds(field, j, origins) if j in stamped else _number(field)
             except ValueError:
+                kind = 'date and time' if j in stamped else 'number'
                 raise RecordingError(
-                    f'{path.name!r}, line {number}, column {j}: {field[:40]!r} is no number'
+                    f'{path.name!r}, line {number}, column {j}: {field[:40]!r} is no {kind}'
                 ) from None
-    heading = [f.strip() for f in _split(lines[first - 1], delimiter)] if first else []
-    names = tuple(heading) if len(heading) == width and not _numeric(heading) else ()
-    return ColumnFile(path, {'': table}, names, rows[0][0])
+            except TypeError:  # of the difference
+                raise RecordingError(
+                    f'{path.name!r}, line {number}, column {j}: {field[:40]!r} and '
+                    f'{origins[j].isoformat()!r} further up: one has a time zone, one has none'
+                ) from None
+    names = _headings(lines[first - 1], width, delimiter) if first else ()
+    return ColumnFile(path, {'': table}, names, rows[0][0], stamped=stamped)
+
+
+def _headings(line: str, width: int, delimiter: str | None) -> tuple[str, ...]:
+    """Names of the columns, without the mark of a comment before them; () where it has none."""
+    for text in (line, line.lstrip(_HEADING_MARKS)):
+        names = [field.strip() for field in _split(text, delimiter)]
+        if len(names) == width and not _numeric(names):
+            return (names[0].lstrip(_HEADING_MARKS) or names[0], *names[1:])
+    return ()
+
+
+def _odd(ends: list[list[str]], stamped: frozenset[int]) -> str:
+    """What stands in a file's last line instead of a number."""
+    for j, field in enumerate(ends[-1] if ends else ()):
+        if field.strip() and not _numeric([field], {0} if j in stamped else ()):
+            return (
+                f': column {j} of the last line is {field[:40]!r}, neither a number nor a date '
+                'and time such as 2025-11-14 20:07:10.53'
+            )
+    return ''
 
 
 def _refuse_ragged(path: Path, head: list[str], first: int, delimiter: str | None) -> None:
@@ -199,7 +272,7 @@ def _refuse_ragged(path: Path, head: list[str], first: int, delimiter: str | Non
     wide = [
         (i, len(fields))
         for i, fields in enumerate((_split(line, delimiter) for line in head), 1)
-        if len(fields) > 1 and _numeric(fields)
+        if len(fields) > 1 and _numeric(fields, _stamped(fields))
     ]
     if len(wide) > _MOST_OF_A_HEAD:
         raise RecordingError(
@@ -288,7 +361,8 @@ def read_columns(
     """Read a file of columns, of a kind that its content tells.
 
     Args:
-        path: text (CSV and the like), .npy, .npz, MATLAB up to version 7.2, or JSON.
+        path: text (CSV and the like), .npy, .npz, MATLAB up to version 7.2, or JSON. Columns of
+            dates and times in text are read as seconds from the first.
         skip_rows: header lines of a text file; None: up to the first line of as many numbers as
             most lines have.
         delimiter: of a text file; None: found from the last lines; blanks where none is there.
@@ -318,9 +392,11 @@ def _parse(path: Path, head: bytes, skip_rows: int | None, delimiter: str | None
     if head.startswith(_NUMPY_MAGIC):
         return ColumnFile(path, {'': _table(np.load(path, allow_pickle=False), path, '')})
     if head.startswith(_ZIP_MAGIC):
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: _table(archive[name], path, name) for name in archive.files}
-        return ColumnFile(path, arrays)
+        return _read_archive(path)
+    if head.startswith(_OLE_MAGIC):
+        raise RecordingError(
+            f'{path.name!r} is an Excel workbook (.xls) or another Office file: save it as CSV'
+        )
     if head.startswith(_MATLAB_MAGIC):
         return _read_matlab(path)
     if head.startswith((_HDF5_MAGIC, b'MATLAB 7.3')):
@@ -332,10 +408,28 @@ def _parse(path: Path, head: bytes, skip_rows: int | None, delimiter: str | None
     return _read_text(path, skip_rows, delimiter)
 
 
+def _read_archive(path: Path) -> ColumnFile:
+    with zipfile.ZipFile(path) as content:
+        members = content.namelist()
+    for part, kind in (('xl/', 'an Excel'), ('content.xml', 'an OpenDocument')):
+        if any(member.startswith(part) for member in members):
+            raise RecordingError(f'{path.name!r} is {kind} workbook: save its sheet as CSV')
+    arrays = {}
+    with np.load(path, allow_pickle=False) as archive:
+        for name in archive.files:
+            array = archive[name]
+            if not isinstance(array, np.ndarray):
+                raise RecordingError(
+                    f'{path.name!r} is a ZIP archive and {name!r} in it no NumPy array: unpack it'
+                )
+            arrays[name] = _table(array, path, name)
+    return ColumnFile(path, arrays)
+
+
 def _transposed(file: ColumnFile) -> ColumnFile:
     """Tables of more than one column with rows for channels."""
     arrays = {n: t.T if t.shape[1] > 1 else t for n, t in file.arrays.items()}
-    return dataclasses.replace(file, arrays=arrays)
+    return dataclasses.replace(file, arrays=arrays, stamped=frozenset())
 
 
 def describe(

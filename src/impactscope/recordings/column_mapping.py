@@ -16,7 +16,7 @@ from impactscope.records import TestPoint
 
 from .units import to_si
 
-__all__ = ['ColumnMapping', 'ColumnSpec']
+__all__ = ['ColumnMapping', 'ColumnSpec', 'time_and_unit']
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +50,12 @@ class ColumnSpec:
 
 def _key(text: str) -> str | int:
     return int(text) if text.isdecimal() else text
+
+
+def time_and_unit(text: str) -> tuple[str | int | None, str]:
+    """From ``column:unit`` or ``column``, which is in s; None where it is empty."""
+    column, _, unit = text.rpartition(':') if ':' in text else (text, '', '')
+    return (_key(column.strip()) if column.strip() else None), unit.strip() or 's'
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +106,16 @@ class ColumnMapping:
     def from_mapping(cls, content: Mapping[str, Any]) -> ColumnMapping:
         """From parsed YAML; unknown names raise ConfigurationError.
 
-        ``channels`` maps names to ``{column, unit, ...}``; the rest are the class's fields.
+        ``channels`` maps names to ``{column, unit, ...}``; the rest are the class's fields, or
+        named as on the command line: ``time_column`` is ``time``, and a hyphen an underscore.
         """
-        values = dict(content)
+        values = {str(key).replace('-', '_'): value for key, value in content.items()}
+        if 'time_column' in values:
+            if 'time' in values:
+                raise ConfigurationError('a mapping names `time` and `time_column`: one is enough')
+            values['time'] = values.pop('time_column')
+            if isinstance(values['time'], str) and 'time_unit' not in values:
+                values['time'], values['time_unit'] = time_and_unit(values['time'])
         channels = values.pop('channels', None)
         if not isinstance(channels, Mapping):
             raise ConfigurationError('a mapping needs `channels`: names with column and unit')

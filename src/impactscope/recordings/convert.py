@@ -16,7 +16,7 @@ from impactscope.version import __version__
 
 from .column_files import ColumnFile, read_columns
 from .column_mapping import ColumnMapping, ColumnSpec
-from .even_grid import EvenGrid, even_grid
+from .even_grid import BACKWARDS_REMEDY, EvenGrid, even_grid
 from .info import file_sha256
 from .units import to_si
 from .writer import RecordingWriter
@@ -24,6 +24,7 @@ from .writer import RecordingWriter
 __all__ = ['Conversion', 'convert']
 
 BLOCK_DURATION = 0.02  # s of samples in a block, as drivers publish them
+_RESAMPLE = '; resample: true (--resample) puts them on an even grid'
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +131,11 @@ def _times(file: ColumnFile, mapping: ColumnMapping, count: int) -> NDArray[np.f
     """The column of times in s, shape (count,)."""
     assert mapping.time is not None  # noqa: S101 - asked for only then
     times = file.column(mapping.time) * to_si(mapping.time_unit)[1]
+    if file.is_stamped(mapping.time) and to_si(mapping.time_unit)[1] != 1.0:
+        raise InputError(
+            f'column {mapping.time!r} of {file.path.name!r} holds dates and times, which are read '
+            f'in s; its unit is said to be {mapping.time_unit!r}'
+        )
     if len(times) != count or count < 2:
         raise InputError(
             f'{file.path.name!r} has {len(times)} times and {count} samples; '
@@ -193,10 +199,11 @@ def _sample_rate(file: ColumnFile, mapping: ColumnMapping, count: int, tolerance
     back = np.flatnonzero(np.diff(times) <= 0)
     if back.size:
         row = int(back[0]) + 1
+        stands = times[row] == times[row - 1]
         raise InputError(
             f'{name!r}, row {row}: the time does not advance '
             f'({times[row - 1]:.9g} s, then {times[row]:.9g} s)'
-            f'{_hint(times[row] == times[row - 1])}'
+            f'{_RESAMPLE if stands else f"; {BACKWARDS_REMEDY}"}'
         )
     rate = mapping.sample_rate
     if rate is None:
@@ -210,11 +217,6 @@ def _sample_rate(file: ColumnFile, mapping: ColumnMapping, count: int, tolerance
         raise InputError(
             f'{name!r}: times are not uniform at {rate:.9g} Hz: row {worst} is '
             f'{deviation[worst]:.3g} s off, {deviation[worst] * rate:.2g} sample periods'
-            f'{_hint(True)}'
+            f'{_RESAMPLE}'
         )
     return rate
-
-
-def _hint(in_order: object) -> str:
-    """What helps where times are uneven but in order."""
-    return '; resample: true (--resample) puts them on an even grid' if in_order else ''

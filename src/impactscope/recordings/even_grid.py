@@ -17,11 +17,15 @@ from scipy.interpolate import PchipInterpolator
 
 from impactscope.errors import InputError
 
-__all__ = ['LOST', 'EvenGrid', 'even_grid']
+__all__ = ['BACKWARDS_REMEDY', 'LOST', 'EvenGrid', 'even_grid']
 
 Array = NDArray[np.float64]
 
 LOST = 10.5  # median intervals without a sample: samples were lost, not late
+BACKWARDS_REMEDY = (
+    'cut the file there, or where its rows are evenly sampled give sample_rate (--sample-rate) '
+    'in place of the time column'
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +65,8 @@ def even_grid(times: Array, columns: Sequence[Array], rate: float | None = None)
     if np.any(steps < 0.0):
         row = int(np.flatnonzero(steps < 0.0)[0]) + 1
         raise InputError(
-            f'row {row}: the time runs backwards ({times[row - 1]:.9g} s, then {times[row]:.9g} s)'
+            f'row {row}: the time runs backwards ({times[row - 1]:.9g} s, then '
+            f'{times[row]:.9g} s); {BACKWARDS_REMEDY}'
         )
     first = np.flatnonzero(np.concatenate([[True], steps > 0.0]))
     if first.size < 2:

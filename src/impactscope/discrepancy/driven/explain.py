@@ -52,6 +52,7 @@ COARSE = 0.01  # of the output's power: more is searched for what is plain befor
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
 MOST_HOLLOW = 10_000  # fitted samples that are searched to the noise although nothing is explained
 MOST_TO_THE_NOISE = 45_000  # samples of a sprung mass; more take minutes and have told already
+CLEARLY_MORE = 1.1  # times what another model leaves
 CHAIN_EFFORT = Effort(numbers=6, depth=4, tried=8, beam=3)
 
 
@@ -147,7 +148,12 @@ def _explained(campaign: Campaign, tell: Progress) -> Answer:
         exact, sure = None, False
         if lasts('a search to the noise'):
             exact, sure = mass_answer(campaign, begun, tell, seed)
-        if exact is not None and sure and not hollow(exact):
+        if (
+            exact is not None
+            and sure
+            and not hollow(exact)
+            and not _left_more(exact, seed, segments)
+        ):
             return exact
     tell(0.95, 'describing')
     period = None
@@ -173,6 +179,28 @@ def _explained(campaign: Campaign, tell: Progress) -> Answer:
     ):
         return answer
     return described
+
+
+def _left_more(answer: Answer, made: Fit | None, segments: Sequence[Segment]) -> bool:
+    """Whether an answer leaves clearly more than a fit, of what was fitted and of what was not.
+
+    What it takes for slow noise is then an error of its model.
+    """
+    if made is None or not any(s.held_out for s in segments):
+        return False
+    more = []
+    for held_out, figures in (
+        (False, answer.fit.extended.rmse),
+        (True, answer.fit.extended.held_out_rmse),
+    ):
+        for channel, rmse in figures.items():
+            pairs = zip(made.residuals, segments, strict=True)
+            mine = [r for r, s in pairs if s.channel == channel and s.held_out == held_out]
+            if mine:
+                more.append(
+                    rmse > CLEARLY_MORE * float(np.sqrt(np.mean(np.concatenate(mine) ** 2)))
+                )
+    return bool(more) and all(more)
 
 
 def _leaves_far_less(one: Answer, other: Answer) -> bool:
