@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from impactscope.discrepancy.driven import layout as at
 from impactscope.discrepancy.driven.model import inside_samples
-from impactscope.discrepancy.driven.oscillator import lost_motion, run, slider_force
+from impactscope.discrepancy.driven.oscillator import lost_motion, run, run_on_base, slider_force
 
 PERIOD = 1e-3
 
@@ -134,3 +134,41 @@ def test_band_limited_input_between_samples():
     np.testing.assert_allclose(fine[40:-40], exact[40:-40], atol=2e-3)
     held = inside_samples(sine, 2, held=True)
     assert np.all(held == sine[:-1, None])
+
+
+@pytest.mark.parametrize('reacts', [False, True])
+@pytest.mark.parametrize('friction', [0.0, 2.0, 6.0])
+def test_friction_on_a_base_that_gives_way(friction, reacts):
+    """Against tiny steps in which friction is an impulse that is cut off (Moreau)."""
+    mass, damping, stiffness, base, ratio = 1.0, 3.0, 4000.0, 8.0, 0.03
+    turn, dt, steps, n, tiny = 2.0 * math.pi * 40.0, 1.0 / 2000.0, 2, 300, 100
+    p = np.zeros(at.SIZE)
+    p[at.MASS], p[at.DAMPING], p[at.STIFFNESS] = mass, damping, stiffness
+    p[at.BASE_MASS], p[at.BASE_STIFFNESS] = base, base * turn**2
+    p[at.BASE_DAMPING], p[at.BASE_REACTS] = 2.0 * ratio * turn * base, float(reacts)
+    p[at.KINETIC_FORWARD] = p[at.KINETIC_BACKWARD] = friction
+
+    def push(t):
+        blow = np.where(t < 0.02, np.sin(math.pi * t / 0.02) ** 2, 0.0)
+        return 100.0 * blow + 0.3 * friction * np.sin(2.0 * math.pi * 3.0 * t)
+
+    inside = np.arange(2 * steps + 1) / (2 * steps)
+    out = np.zeros((n, 4))
+    assert run_on_base(p, push(dt * (np.arange(n - 1)[:, None] + inside)), dt, 0.0, 0.0, out)
+    x = v = xb = vb = 0.0
+    h, together = dt / tiny, 1.0 / (1.0 / mass + 1.0 / base)
+    places, speeds = np.zeros(n), np.zeros(n)
+    forces = push(dt * (np.arange(n)[:, None] + (np.arange(tiny) + 0.5) / tiny)).tolist()
+    for i in range(n):
+        places[i], speeds[i] = x, v
+        for u in forces[i]:
+            load = u - damping * v - stiffness * x
+            pull = -load if reacts else u - load
+            moved = (pull - p[at.BASE_DAMPING] * vb - p[at.BASE_STIFFNESS] * xb) / base
+            free = v + h * (load / mass - moved)
+            held = min(max(-free * together, -friction * h), friction * h)
+            v = free + held / together
+            vb += h * moved - held / base
+            x, xb = x + h * v, xb + h * vb
+    assert out[:, 0] == pytest.approx(places, abs=3e-4 * np.max(np.abs(places)))
+    assert out[:, 1] == pytest.approx(speeds, abs=3e-4 * np.max(np.abs(speeds)))

@@ -198,7 +198,6 @@ def _base(
             Number('damping_ratio', '1', (0.05,), 0.01, 0.0, 0.3),
         ),
         variant='drive' if reacts else '',
-        excludes=FRICTION,
         fixed={'base_compliance.reacts': 1.0} if reacts else None,
         amounts=('/mass',),
     )

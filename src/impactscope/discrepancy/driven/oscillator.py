@@ -59,6 +59,7 @@ Array = NDArray[np.float64]
 
 MOST_TURNS = 6  # turns and stops located in one sub-step
 FAR = 1e9  # a state beyond this has run away
+FREE = 2  # in the place of a direction of sliding: no dry friction at all
 
 
 @law
@@ -155,14 +156,31 @@ def _base_rate(p: Array, pull: float, xb: float, vb: float) -> float:
 
 @compiled
 def _soft_rates(
-    p: Array, u: float, x: float, v: float, h: float, xb: float, vb: float
+    p: Array, u: float, x: float, v: float, h: float, xb: float, vb: float, way: int
 ) -> tuple[float, float, float]:
-    """Rates of the relative speed, the base's speed and the yielding element."""
+    """Rates of the relative speed, the base's speed and the yielding element.
+
+    ``way``: in which the mass slides on its base (+1, -1), 0 where friction holds it there, FREE
+    without dry friction.
+    """
     force = _load(p, u, x, v, h)
+    if way == 1 or way == -1:
+        force += _friction(p, v, way)
     pull = -force if p[BASE_REACTS] > 0.5 else u + p[INPUT_OFFSET] - force
     base = _base_rate(p, pull, xb, vb)
+    apart = force / p[MASS] - base
+    if way == 0:  # what friction must hold so that both move as one
+        return 0.0, base + apart / (1.0 + p[BASE_MASS] / p[MASS]), 0.0
     yields = yielding_rate(p, v, h) if p[HYSTERESIS_STIFFNESS] != 0.0 else 0.0
-    return force / p[MASS] - base, base, yields
+    return apart, base, yields
+
+
+@law
+def _soft_load(p: Array, u: float, state: tuple[float, float, float, float, float]) -> float:
+    """Force that dry friction must hold so that a mass rests on its base."""
+    x, _, h, xb, vb = state
+    apart, _, _ = _soft_rates(p, u, x, 0.0, h, xb, vb, FREE)
+    return float(apart / (1.0 / p[MASS] + 1.0 / p[BASE_MASS]))
 
 
 @compiled
@@ -170,18 +188,19 @@ def _soft_step(
     p: Array,
     u: tuple[float, float, float],
     state: tuple[float, float, float, float, float],
+    way: int,
     dt: float,
 ) -> tuple[float, float, float, float, float]:
-    """One step of order 4 on a base that gives way."""
+    """One step of order 4 on a base that gives way, while the direction of sliding stays."""
     x, v, h, xb, vb = state
-    a1, b1, g1 = _soft_rates(p, u[0], x, v, h, xb, vb)
+    a1, b1, g1 = _soft_rates(p, u[0], x, v, h, xb, vb, way)
     s = 0.5 * dt
     v2, w2 = v + s * a1, vb + s * b1
-    a2, b2, g2 = _soft_rates(p, u[1], x + s * v, v2, h + s * g1, xb + s * vb, w2)
+    a2, b2, g2 = _soft_rates(p, u[1], x + s * v, v2, h + s * g1, xb + s * vb, w2, way)
     v3, w3 = v + s * a2, vb + s * b2
-    a3, b3, g3 = _soft_rates(p, u[1], x + s * v2, v3, h + s * g2, xb + s * w2, w3)
+    a3, b3, g3 = _soft_rates(p, u[1], x + s * v2, v3, h + s * g2, xb + s * w2, w3, way)
     v4, w4 = v + dt * a3, vb + dt * b3
-    a4, b4, g4 = _soft_rates(p, u[2], x + dt * v3, v4, h + dt * g3, xb + dt * w3, w4)
+    a4, b4, g4 = _soft_rates(p, u[2], x + dt * v3, v4, h + dt * g3, xb + dt * w3, w4, way)
     return (
         x + dt * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0,
         v + dt * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
@@ -256,6 +275,64 @@ def _rough_step(
     return x, v, h, way
 
 
+@compiled
+def _rough_soft_step(
+    p: Array,
+    u: tuple[float, float, float],
+    state: tuple[float, float, float, float, float],
+    way: int,
+    dt: float,
+) -> tuple[tuple[float, float, float, float, float], int]:
+    """One sub-step of :func:`_rough_step` on a base that gives way, and the way after it."""
+    u0, um, u1 = u
+    done = 0.0
+    for _ in range(MOST_TURNS):
+        left = 1.0 - done
+        if left <= 1e-12:
+            break
+        a = _between(u0, um, u1, done)
+        m = _between(u0, um, u1, done + 0.5 * left)
+        if way == 0:
+            start = _soft_load(p, a, state)
+            way = _held(p, start)
+            if way == 0:
+                rested = _soft_step(p, (a, m, u1), state, 0, left * dt)
+                end = _soft_load(p, u1, rested)
+                way = _held(p, end)
+                if way == 0:
+                    return rested, 0
+                limit = p[STATIC_EXCESS]
+                limit += p[KINETIC_FORWARD] if way > 0 else p[KINETIC_BACKWARD]
+                share = (way * limit - start) / (end - start)
+                m = _between(u0, um, u1, done + 0.5 * share * left)
+                b = _between(u0, um, u1, done + share * left)
+                state = _soft_step(p, (a, m, b), state, 0, share * left * dt)
+                done += share * left
+                continue
+        moved = _soft_step(p, (a, m, u1), state, way, left * dt)
+        if moved[1] * way >= 0.0:
+            return moved, way
+        v, v1 = state[1], moved[1]
+        share = v / (v - v1) if v * way > 0.0 else 0.0
+        for _ in range(2):
+            if share <= 0.0:
+                break
+            m = _between(u0, um, u1, done + 0.5 * share * left)
+            b = _between(u0, um, u1, done + share * left)
+            x1, v1, h1, xb, vb = _soft_step(p, (a, m, b), state, way, share * left * dt)
+            slope = _soft_rates(p, b, x1, v1, h1, xb, vb, way)[0] * left * dt
+            if slope * way < 0.0:
+                share = min(max(share - v1 / slope, 0.0), 1.0)
+        if share > 0.0:
+            m = _between(u0, um, u1, done + 0.5 * share * left)
+            b = _between(u0, um, u1, done + share * left)
+            state = _soft_step(p, (a, m, b), state, way, share * left * dt)
+            done += share * left
+        state = (state[0], 0.0, state[2], state[3], state[4])
+        way = _held(p, _soft_load(p, _between(u0, um, u1, done), state))
+    return state, way
+
+
 @law
 def _linear(p: Array) -> bool:
     """Whether nothing but dry friction of one level a way keeps the mass from being linear."""
@@ -294,22 +371,37 @@ def _straight_step(
 
 @compiled
 def run_on_base(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -> bool:
-    """As :func:`run`, on a base that gives way and without dry friction.
+    """As :func:`run`, on a base that gives way; the mass slides and sticks on that.
 
     ``out``: position and speed relative to the base, acceleration of the mass, elongation.
     """
     n = out.shape[0]
     steps = (u.shape[1] - 1) // 2
+    rough = p[KINETIC_FORWARD] != 0.0 or p[KINETIC_BACKWARD] != 0.0 or p[STATIC_EXCESS] > 0.0
+    way = FREE
+    if rough:
+        way = 0
+        if v != 0.0:
+            way = 1 if v > 0.0 else -1
     state = (x, v, 0.0, 0.0, 0.0)
     for i in range(n):
         first = u[i, 0] if i < n - 1 else u[n - 2, 2 * steps]
         out[i, 0], out[i, 1], out[i, 3] = state[0], state[1], state[2]
-        out[i, 2] = _load(p, first, state[0], state[1], state[2]) / p[MASS]
+        now = way
+        if way == 0:
+            now = _held(p, _soft_load(p, first, state))
+        apart, base, _ = _soft_rates(
+            p, first, state[0], state[1], state[2], state[3], state[4], now
+        )
+        out[i, 2] = apart + base
         if i == n - 1:
             break
         for j in range(steps):
             inside = (u[i, 2 * j], u[i, 2 * j + 1], u[i, 2 * j + 2])
-            state = _soft_step(p, inside, state, dt / steps)
+            if rough:
+                state, way = _rough_soft_step(p, inside, state, way, dt / steps)
+            else:
+                state = _soft_step(p, inside, state, FREE, dt / steps)
         if not abs(state[0]) + abs(state[1]) + abs(state[4]) < FAR:
             out[i + 1 :] = 0.0
             return False
