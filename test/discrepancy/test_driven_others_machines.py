@@ -229,9 +229,11 @@ def test_an_answer_that_leaves_most_of_its_channel_explains_nothing():
 def test_an_answer_that_leaves_more_than_a_plainer_one_is_none(fitted, held_out, more):
     """Five effects in slow noise against three that leave less of both recordings."""
     segments = [SimpleNamespace(channel='x', held_out=held) for held in (False, True)]
-    made = SimpleNamespace(residuals=(np.full(50, 0.36), np.full(50, 0.35)))
+    made = SimpleNamespace(residuals=(np.full(50, 0.36), np.full(50, 0.35)), terms=('a',) * 3)
     figures = SimpleNamespace(rmse={'x': fitted}, held_out_rmse={'x': held_out})
-    answer = SimpleNamespace(fit=SimpleNamespace(extended=figures))
+    fit = SimpleNamespace(extended=figures)
+    answer = SimpleNamespace(fit=fit, accepted=('a',) * 5)
     assert _left_more(answer, made, segments) is more
+    assert not _left_more(SimpleNamespace(fit=fit, accepted=('a',) * 2), made, segments)
     assert not _left_more(answer, None, segments)
     assert not _left_more(answer, made, segments[:1])

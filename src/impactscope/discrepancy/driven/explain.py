@@ -182,11 +182,13 @@ def _explained(campaign: Campaign, tell: Progress) -> Answer:
 
 
 def _left_more(answer: Answer, made: Fit | None, segments: Sequence[Segment]) -> bool:
-    """Whether an answer leaves clearly more than a fit, of what was fitted and of what was not.
+    """Whether an answer leaves clearly more than a plainer fit, fitted and held out.
 
     What it takes for slow noise is then an error of its model.
     """
-    if made is None or not any(s.held_out for s in segments):
+    if made is None or len(answer.accepted) <= len(made.terms):
+        return False
+    if not any(s.held_out for s in segments):
         return False
     more = []
     for held_out, figures in (
