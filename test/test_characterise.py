@@ -3,6 +3,8 @@
 import json
 import math
 import struct
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -168,6 +170,22 @@ def test_topics_with_one_sample_a_message_are_read_by_name(tmp_path):
     table = write_csv(tmp_path / 'spring.csv', *spring())
     _, other, _ = run('spring', tmp_path, table, mapping=MAPPING)
     assert found['stiffness']['value'] == pytest.approx(other['stiffness']['value'], rel=1e-4)
+
+
+def test_dates_and_times_are_read_in_s_and_in_no_other_unit(tmp_path):
+    time, u, force = spring()
+    plain = read_static_test(write_csv(tmp_path / 'spring.csv', time, u, force), mapping=MAPPING)
+    start = datetime(2025, 11, 14, tzinfo=UTC)
+    rows = [
+        f'{(start + timedelta(seconds=t)).isoformat()},{1e3 * x},{f}'
+        for t, x, f in zip(time, u, force, strict=True)
+    ]
+    file = tmp_path / 'dated.csv'
+    file.write_text('time,crosshead,load\n' + '\n'.join(rows), encoding='utf-8')
+    dated = read_static_test(file, mapping=MAPPING)
+    assert np.allclose(dated.time, plain.time, atol=2e-6)
+    with pytest.raises(InputError, match=r"dates and times, which are read in s; .*'ms'"):
+        read_static_test(file, mapping=replace(MAPPING, time_unit='ms'))
 
 
 def test_a_topic_that_is_not_named_or_not_there_is_said(tmp_path):

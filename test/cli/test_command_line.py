@@ -184,6 +184,30 @@ def test_convert_takes_dates_and_times_without_a_unit(capsys, tmp_path):
     assert '10 Hz' in out
 
 
+def test_columns_said_twice_are_refused(capsys, tmp_path):
+    table, mapping = tmp_path / 'blow.csv', tmp_path / 'blow.yaml'
+    table.write_text(
+        't,Fz\n' + '\n'.join(f'{i / 10},{i % 7}' for i in range(200)), encoding='utf-8'
+    )
+    mapping.write_text('time: t\nchannels: {force: {column: Fz, unit: N}}\n', encoding='utf-8')
+    made = tmp_path / 'blow.mcap'
+    code, _, err = run(
+        capsys,
+        'convert',
+        table,
+        made,
+        '--mapping',
+        mapping,
+        '--channel',
+        'force=Fz:kN',
+        '--transpose',
+    )
+    assert code == 2
+    assert '--channel, --transpose beside --mapping' in ' '.join(err.split())
+    assert not made.exists()
+    assert run(capsys, 'convert', table, made, '--mapping', mapping, '--resample')[0] == 0
+
+
 def test_help_of_convert_tells_of_the_mapping_file(capsys):
     _, out, _ = run(capsys, 'convert', '--help')
     assert 'docs/convert.md' in out

@@ -173,7 +173,7 @@ def _from_columns(
     ]
     count = values[0].size
     if mapping.time is not None:
-        time = file.column(mapping.time) * to_si(mapping.time_unit)[1]
+        time = file.seconds(mapping.time, mapping.time_unit)
     else:
         assert mapping.sample_rate is not None  # noqa: S101  # the mapping checks it
         time = np.arange(count) / mapping.sample_rate

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
+from impactscope.errors import ConfigurationError
 from impactscope.records import ContactKind, TestPoint
 
 if TYPE_CHECKING:
@@ -104,10 +105,26 @@ def column_mapping(
     *,
     transpose: bool = False,
 ) -> 'ColumnMapping | None':
-    """The mapping of a file of columns as given; None where nothing was."""
+    """The mapping of a file of columns as given; None where nothing was.
+
+    Raises ConfigurationError where a mapping file and options say the same kind of thing twice.
+    """
     from impactscope.recordings import ColumnMapping, time_and_unit
 
     if file is not None:
+        given = {
+            '--channel': bool(channels),
+            '--time-column': bool(time_column),
+            '--sample-rate': sample_rate is not None,
+            '--skip-rows': skip_rows is not None,
+            '--transpose': transpose,
+        }
+        twice = [option for option, told in given.items() if told]
+        if twice:
+            raise ConfigurationError(
+                f'{", ".join(twice)} beside --mapping: write it into {file.name!r}, which says '
+                'all of the columns, or leave the mapping out'
+            )
         return ColumnMapping.from_yaml(file)
     if not channels:
         return None

@@ -20,7 +20,13 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from impactscope.errors import ImpactscopeError, MissingChannelError, RecordingError
+from impactscope.errors import (
+    ImpactscopeError,
+    InputError,
+    MissingChannelError,
+    RecordingError,
+)
+from impactscope.recordings.units import to_si
 
 __all__ = ['ColumnFile', 'describe', 'read_columns']
 
@@ -82,9 +88,19 @@ class ColumnFile:
             )
         return table[:, int(index)]
 
-    def is_stamped(self, key: str | int) -> bool:
-        """Whether a column held dates and times."""
-        return self._place(key) in self.stamped
+    def seconds(self, key: str | int, unit: str) -> NDArray[np.float64]:
+        """A column of times in s, shape (n_rows,), of which ``unit`` is said.
+
+        Raises MissingChannelError where it is not there, InputError where it holds dates and
+        times, which are read in s, and another unit is said.
+        """
+        factor = to_si(unit)[1]
+        if factor != 1.0 and self._place(key) in self.stamped:
+            raise InputError(
+                f'column {key!r} of {self.path.name!r} holds dates and times, which are read '
+                f'in s; its unit is said to be {unit!r}'
+            )
+        return self.column(key) * factor
 
     def _place(self, key: str | int) -> str | int:
         """Index of a heading, with or without the mark before it; another key as it is."""

@@ -130,12 +130,7 @@ def _in_si(values: NDArray[np.float64], spec: ColumnSpec) -> NDArray[np.float64]
 def _times(file: ColumnFile, mapping: ColumnMapping, count: int) -> NDArray[np.float64]:
     """The column of times in s, shape (count,)."""
     assert mapping.time is not None  # noqa: S101 - asked for only then
-    times = file.column(mapping.time) * to_si(mapping.time_unit)[1]
-    if file.is_stamped(mapping.time) and to_si(mapping.time_unit)[1] != 1.0:
-        raise InputError(
-            f'column {mapping.time!r} of {file.path.name!r} holds dates and times, which are read '
-            f'in s; its unit is said to be {mapping.time_unit!r}'
-        )
+    times = file.seconds(mapping.time, mapping.time_unit)
     if len(times) != count or count < 2:
         raise InputError(
             f'{file.path.name!r} has {len(times)} times and {count} samples; '
