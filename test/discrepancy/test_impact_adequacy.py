@@ -119,5 +119,29 @@ def test_what_rattles_after_a_blow_is_no_noise(make_campaign):
     assert chances['the noise of force after the blow'] > 0.001
 
 
+def test_what_rattles_is_seen_in_noise_of_a_colour_as_well(make_campaign):
+    rng = np.random.default_rng(6)
+
+    def slow(_: int, values):
+        return values + signal.lfilter([0.1], [1.0, -0.9], rng.standard_normal(values.size))
+
+    plain = changed(make_campaign(33, duration=0.6), 'acceleration.plate', slow)
+    sound = fitted(plain)
+    told = 'acceleration.plate above the bands'
+    assert sound.model.data.blows[0].channels['acceleration.plate'].colour is not None
+    assert 'the noise of acceleration.plate after the blow' not in _louder_chances(sound)
+    assert adequacy(sound).p_values[told] > 0.001
+
+    def rattling(place, values):
+        blow = sound.model.data.blows[place]
+        channel = blow.channels['acceleration.plate']
+        time = channel.time[0] + np.arange(values.size) / channel.sample_rate
+        loud = (time > blow.onset) & (time < blow.onset + 0.1)
+        return values + 1.2 * channel.noise * loud * rng.standard_normal(values.size)
+
+    tests = adequacy(fitted(changed(plain, 'acceleration.plate', rattling)))
+    assert tests.p_values[told] < 1e-4
+
+
 def _louder_chances(fit: Fit) -> dict[str, float]:
     return {k: p for k, p in adequacy(fit).p_values.items() if k.startswith('the noise of')}

@@ -12,7 +12,8 @@ Laws that no mechanism here has, along the motion that was fitted: see :mod:`.la
 
 Colour: the power of what is left in bands of frequency, against white noise.
 
-Level: the power of what is left after a blow, at all frequencies, against the quiet before it.
+Level: the power of what is left after a blow, at all frequencies, or where the noise is not white
+above those bands, against the quiet before it.
 
 All count what is left in units of the noise as the residual itself shows it from sample to
 sample, so that a noise that is stated or estimated a little wrong is no finding.
@@ -28,13 +29,15 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import integrate, stats
+from scipy import fft, integrate, stats
 
 from impactscope.discrepancy.impact.candidate import Candidate, stronger
 from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.chain_laws import chain_laws
+from impactscope.discrepancy.impact.data import BlowData
 from impactscope.discrepancy.impact.fit import Fit, fit, projector
 from impactscope.discrepancy.impact.laws import GROUPS, Law, law_responses
+from impactscope.discrepancy.impact.noise import whitener
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
@@ -448,7 +451,8 @@ def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int, float]]:
     """Power and number of terms of the residual in bands, all recordings and channels.
 
     And the number of terms in the quiet before the blows, from which the colour of a noise that
-    is not white is known; infinite where it is white.
+    is not white is known; infinite where it is white. Of a noise that is not white also what is
+    above the bands, in units of what the quiet has there.
     """
     total: dict[str, list[float]] = {}
     for (i, name), span in fit.layout.spans.items():
@@ -460,7 +464,7 @@ def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int, float]]:
         if r.size < 32:
             continue
         length = float(time[-1] - time[0])
-        low = 0.0
+        low, power, terms = 0.0, 0.0, 0
         for high in _BANDS:
             if 2 * high * length > 0.4 * r.size:
                 break
@@ -473,9 +477,42 @@ def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int, float]]:
             waves = np.cos(phase[:, None] * orders[None, :])
             q, _ = np.linalg.qr(waves)
             entry = total.setdefault(f'{name} below {high:g} Hz', [0.0, 0.0, 0.0])
-            entry[0] += float(np.sum((q.T @ r) ** 2))
+            inside = float(np.sum((q.T @ r) ** 2))
+            entry[0] += inside
             entry[1] += q.shape[1]
+            power, terms = power + inside, terms + q.shape[1]
             before = blow.onset - blow.recording.channels[name].start
             white = blow.channels[name].colour is None
             entry[2] += math.inf if white else 2.0 * before * high * orders.size / last
-    return {k: (v[0], int(v[1]), v[2]) for k, v in total.items()}
+        quiet = _quiet_above(blow, name, low)
+        if quiet[1]:
+            above = total.setdefault(f'{name} above the bands', [0.0, 0.0, 0.0, 0.0])
+            rest = float(r @ r) - power, float(r.size - terms), *quiet
+            total[f'{name} above the bands'] = [a + b for a, b in zip(above, rest, strict=True)]
+    found = {}
+    for label, (power, count, *quiet_ones) in total.items():
+        if len(quiet_ones) == 2:
+            squares, number = quiet_ones
+            found[label] = power / max(squares / number, 1.0), int(count), number
+        else:
+            found[label] = power, int(count), quiet_ones[0]
+    return found
+
+
+def _quiet_above(blow: BlowData, name: str, low: float) -> tuple[float, float]:
+    """Power and number of terms above a frequency in a channel's whitened quiet before a blow.
+
+    None of a noise that is white, and of a channel that moves before the blow, too.
+    """
+    channel = blow.channels[name]
+    if channel.colour is None or name == 'acceleration.impactor':
+        return 0.0, 0.0
+    before = channel.time < blow.onset - _QUIET
+    quiet, time = channel.samples[before], channel.time[before]
+    if quiet.size < _LEAST_QUIET or not np.isfinite(quiet).all():
+        return 0.0, 0.0
+    ones = np.ones(quiet.size, dtype=np.int64)
+    white = whitener(channel.colour, time, ones, np.full(quiet.size, channel.colour.std))
+    orders = fft.dct(white((quiet - np.mean(quiet)) / channel.colour.std), norm='ortho')
+    first = math.ceil(2 * low * quiet.size / channel.sample_rate)
+    return float(np.sum(orders[first:] ** 2)), float(max(quiet.size - first, 0))

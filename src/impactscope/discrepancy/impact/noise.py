@@ -149,6 +149,8 @@ def colour_of(
     elif white:
         return None
     matter = parts > _MATTERS * float(np.sum(variances))
+    if not matter.any():
+        return None
     return Colour(
         float(variances[0]), parts[matter], lives[matter] / float(sample_rate), sample_rate
     )
