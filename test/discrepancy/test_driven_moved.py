@@ -8,8 +8,8 @@ from scipy.interpolate import CubicSpline
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.course import _end, course_of
-from impactscope.discrepancy.driven.moved import MovedNoise
+from impactscope.discrepancy.driven.course import Course, _end, course_of
+from impactscope.discrepancy.driven.moved import MovedNoise, _turns
 
 RATE, SAMPLES = 1000.0, 2500
 STIFFNESS, DAMPING, REACH = 2e4, 400.0, 0.01
@@ -221,3 +221,64 @@ def test_a_pull_that_starts_within_its_first_samples():
     course = course_of(x, 1.0 / rate, 0)
     assert np.max(np.abs(course.motion[0] - x)) < speed / rate
     assert np.max(np.abs(course.motion[1])) < 2.0 * speed
+
+
+def joint(seed, friction=lambda v: 0.0):
+    """A joint's torque on motions that begin and end anywhere; it has no spring."""
+    rng = np.random.default_rng(seed)
+    entries, channels = [], {}
+    time = np.arange(3000) / 500.0
+    for i in range(4):
+        turns = 2 * np.pi * rng.uniform(0.15, 1.4, 6)
+        phases, sizes = rng.uniform(0, 2 * np.pi, 6), rng.uniform(0.1, 0.4, 6)
+        waves = turns[:, None] * time + phases[:, None]
+        angle = sizes @ np.sin(waves)
+        speed, acceleration = (sizes * turns) @ np.cos(waves), -(sizes * turns**2) @ np.sin(waves)
+        torque = 0.42 * acceleration + 1.9 * speed + friction(speed)
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
+        noisy = torque + 0.045 * rng.standard_normal(time.size)
+        angle = angle + 2e-7 * rng.standard_normal(time.size)
+        channels[file] = {
+            'angle.joint': ChannelSamples('angle.joint', 'rad', 500.0, 0.0, angle),
+            'torque.joint': ChannelSamples('torque.joint', 'N m', 500.0, 0.0, noisy),
+        }
+    data = {
+        'version': 1,
+        'bench': {'kind': 'prescribed_motion', 'motion': 'angle.joint', 'output': 'torque.joint'},
+        'model': {'restoring': 'none'},
+        'baseline': ['linear_mass_damper'],
+        'recordings': entries,
+    }
+    return explain_driven(parse_campaign(data).with_samples(channels.__getitem__))
+
+
+def test_nothing_is_missing_where_a_joint_has_no_spring():
+    answer = joint(21)
+    assert answer.accepted == ()
+    assert answer.fit.baseline.held_out_rmse['torque.joint'] < 0.05
+    numbers = answer.baseline_parameters
+    assert set(numbers) == {'damping', 'mass'}
+    assert numbers['mass'].value == pytest.approx(0.42, abs=3 * numbers['mass'].std)
+
+
+def test_friction_of_a_joint_without_spring_that_falls_with_the_speed():
+    def friction(v):
+        return np.sign(v) * (1.1 + 0.1 * np.exp(-((v / 0.05) ** 2)))
+
+    answer = joint(22, friction)
+    assert answer.accepted == ('stribeck_friction',)
+    found = answer.ranking[0].parameters
+    for name, true in (('kinetic_force', 1.1), ('static_force', 1.2)):
+        assert abs(found[name].value - true) < 3 * found[name].std
+
+
+def test_friction_is_not_asked_for_where_a_motion_rests():
+    speed = np.concatenate([np.zeros(400), np.sin(np.linspace(0.0, 20.0, 1600)), np.zeros(400)])
+    rng = np.random.default_rng(23)
+    speed += 1e-4 * rng.standard_normal(speed.size)
+    acceleration = np.gradient(speed, 1e-3)
+    course = Course(np.stack([speed, speed, acceleration]), 1e-4, 500.0, np.zeros((3, 2400)))
+    rests = _turns(course, 1e-3, 1)
+    assert np.mean(rests[:400]) > 0.9
+    assert np.mean(rests[400:2000]) < 0.02

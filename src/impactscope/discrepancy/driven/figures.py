@@ -13,7 +13,7 @@ from scipy import signal, stats
 from impactscope.discrepancy.answer import FitFigures, FitTable, Region, Trace
 from impactscope.discrepancy.driven.decide import FINEST
 from impactscope.discrepancy.driven.findings import unknown_finding
-from impactscope.discrepancy.driven.fitting import Fit
+from impactscope.discrepancy.driven.fitting import Fit, plainly_begun
 from impactscope.discrepancy.driven.located import case_regions
 from impactscope.discrepancy.driven.measuring import step_of
 from impactscope.discrepancy.driven.model import Segment
@@ -179,11 +179,17 @@ def _regions(s: Subject, base: Fit, final: Fit) -> tuple[Region, ...]:
 
 def table(s: Subject, base: Fit, final: Fit) -> FitTable:
     """Errors before and after, by channel, beside the noise."""
+    base, final = _shown(s, base, final)
     floor: dict[str, float] = {}
     for i, segment in enumerate(s.segments):
         value = _floor(segment, final.residuals[i])
         floor[segment.channel] = min(value, floor.get(segment.channel, math.inf))
     return FitTable(_figures(s, base, floor), _figures(s, final, floor), floor)
+
+
+def _shown(s: Subject, base: Fit, final: Fit) -> tuple[Fit, Fit]:
+    """Baseline and extended model with the beginnings that their figures and curves have."""
+    return plainly_begun(s.model, base, s.segments), plainly_begun(s.model, final, s.segments)
 
 
 def _figures(s: Subject, made: Fit, floor: Mapping[str, float]) -> FitFigures:
@@ -209,6 +215,7 @@ def _figures(s: Subject, made: Fit, floor: Mapping[str, float]) -> FitFigures:
 
 def traces(s: Subject, base: Fit, final: Fit) -> tuple[Trace, ...]:
     """Measured and predicted samples of all recordings."""
+    base, final = _shown(s, base, final)
     found = []
     best = s.outcome.best
     for i, segment in enumerate(s.segments):

@@ -7,6 +7,7 @@ linear model of high order looks right for almost anything.)
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +22,16 @@ from impactscope.discrepancy.driven.by_recording import by_recording
 from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
 from impactscope.discrepancy.driven.terms import Number, Term, key
 
-__all__ = ['FINE', 'Fit', 'channel_scales', 'counted', 'fit', 'numbers_of', 'sensitivities']
+__all__ = [
+    'FINE',
+    'Fit',
+    'channel_scales',
+    'counted',
+    'fit',
+    'numbers_of',
+    'plainly_begun',
+    'sensitivities',
+]
 
 Array = NDArray[np.float64]
 
@@ -29,6 +39,7 @@ STEP = 1e-4  # of a number's scale, for differences
 MEMORY = 0.1  # of a recording, beyond which accumulated errors are forgotten
 BLOCKS = 24  # of a recording, for the scatter of the estimates
 MOST_EVALUATIONS = 60
+FARTHEST = 1e9  # times a channel's spread: farther off is no worse
 FIRST_OF_A_SWING = (0.03, 0.1, 0.3, 1.0)  # shares of a recording, for its beginning alone
 ROUGH, FINE = 1e-4, 1e-8  # relative fall of the sum of squares at which a fit ends
 
@@ -180,14 +191,24 @@ def fit(
     def start_of(theta: Array, i: int) -> Array:
         return np.asarray(theta[place[i]] * np.array([n.scale for n in own[i]]), np.float64)
 
+    def error(values: Mapping[str, float], begin: Array, i: int) -> Array:
+        segment = segments[i]
+        left = segment.measured - model.predict(values, terms, begin, segment)
+        most = FARTHEST * scales[segment.channel]
+        # a model that runs away is far off: finite, so that the fit turns back
+        bounded = np.nan_to_num(left, nan=most, posinf=most, neginf=-most)
+        return np.asarray(np.clip(bounded, -most, most))
+
+    def left_of(values: Mapping[str, float], begin: Array, i: int) -> Array:
+        return weights[i] * counted(model, error(values, begin, i), segments[i])
+
     last: list[tuple[Array, Array]] = []
 
     def residual(theta: Array) -> Array:
         values = values_of(theta)
 
         def part(i: int) -> Array:
-            predicted = model.predict(values, terms, start_of(theta, i), segments[i])
-            return weights[i] * counted(model, segments[i].measured - predicted, segments[i])
+            return left_of(values, start_of(theta, i), i)
 
         whole = np.concatenate(by_recording(part, fitted, segments))
         last[:] = [*last[-2:], (theta.copy(), whole)]
@@ -206,9 +227,8 @@ def fit(
             for j in range(place[i].start, place[i].stop):
                 moved = theta.copy()
                 moved[j] += STEP
-                predicted = model.predict(values, terms, start_of(moved, i), segments[i])
-                left = counted(model, segments[i].measured - predicted, segments[i])
-                slopes[rows[i], j] = (weights[i] * left - at_theta[rows[i]]) / STEP
+                left = left_of(values, start_of(moved, i), i)
+                slopes[rows[i], j] = (left - at_theta[rows[i]]) / STEP
 
         by_recording(own_columns, fitted, segments)
         return slopes
@@ -240,7 +260,7 @@ def fit(
         else:
             begin = _own_beginning(model, terms, values, segment, beginning(i), weights[i])
         begins.append(begin)
-        residuals.append(segment.measured - model.predict(values, terms, begin, segment))
+        residuals.append(error(values, begin, i))
     left = np.concatenate([weights[i] * counted(model, residuals[i], segments[i]) for i in fitted])
     spread = _scatter(slopes, left, white=known)
     scale = np.array([n.scale for _, n in shared])
@@ -294,6 +314,34 @@ def _own_beginning(
 
         theta = least_squares(residual, theta, jacobian, x_scale='jac', max_nfev=30).x
     return np.asarray(theta * scale)
+
+
+def plainly_begun(model: Model, made: Fit, segments: Sequence[Segment]) -> Fit:
+    """The fit with beginnings that leave least as it is, where errors of force accumulate.
+
+    Beside slow noise a fit forgives a position and a speed that are far off at the beginning; as
+    figures and curves they would hide how well its laws predict.
+    """
+    if not model.drifts or not made.starts:
+        return made
+    begins, residuals = list(made.starts), list(made.residuals)
+    for i, segment in enumerate(segments):
+        if segment.whitener is None or not begins[i].size:
+            continue
+        scale = np.array([n.scale for n in model.starts(segment)])
+
+        def left(theta: Array, segment: Segment = segment, scale: Array = scale) -> Array:
+            predicted = model.predict(made.values, made.terms, theta * scale, segment)
+            return segment.measured - predicted
+
+        def slopes(theta: Array, left: Callable[[Array], Array] = left) -> Array:
+            return _differences(left, theta, left(theta))
+
+        found = least_squares(left, begins[i] / scale, slopes, x_scale='jac', max_nfev=15)
+        if found.cost < 0.5 * float(residuals[i] @ residuals[i]):
+            begins[i] = np.asarray(found.x * scale)
+            residuals[i] = np.asarray(found.fun)
+    return dataclasses.replace(made, starts=tuple(begins), residuals=tuple(residuals))
 
 
 def _scatter(jacobian: Array, residual: Array, *, white: bool) -> Array:

@@ -35,10 +35,11 @@ from impactscope.discrepancy.driven.relaxation import branch_force, relaxation
 from impactscope.discrepancy.driven.spectral import weight_by_runs
 from impactscope.discrepancy.driven.terms import Number, Term
 
-__all__ = ['MovedModel', 'MovedNoise', 'moved_case']
+__all__ = ['PARTS', 'MovedModel', 'MovedNoise', 'moved_case']
 
 Array = NDArray[np.float64]
 
+PARTS = ('stiffness', 'damping', 'mass')  # by position, speed and acceleration
 UPPER = 0.5  # of half the rate, beyond which the force's noise is looked for
 LITTLE = 0.03  # share of the noise that is left aside
 ROUNDED = (0.002, 0.03)  # of the largest speed, in which friction turns round
@@ -46,6 +47,8 @@ STUCK = (0.001,)  # of the largest travel, over which friction builds up; more i
 MOST_STUCK = 0.004
 RELAXES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times over the motion's own, to set out from
 ON_A_SAMPLE = 0.02  # of the time between samples, within which a motion turns round on one
+SLOW = 3.0  # times the noise of the speed, below which a motion may as well rest
+RESTS = 8.0  # independent values of the speed in a row, from which it does
 BEYOND = 3.0  # samples, by which a force is continued beyond its ends
 
 
@@ -62,7 +65,7 @@ class MovedNoise:
     wanders: Colour | None = None  # colour of the motion's noise, over its variance
     colour: Colour | None = None  # of the force's noise, over the variance of a sample
     slow: Forgetting | None = None  # whitens it
-    turns: NDArray[np.bool_] | None = None  # samples at which the motion turns round, (n,)
+    turns: NDArray[np.bool_] | None = None  # samples at which the motion turns or rests, (n,)
     _kept: dict[int, tuple[Array, Array | None]] = field(
         init=False, repr=False, default_factory=dict
     )
@@ -235,13 +238,16 @@ def _yielding(x: Array, most: float, out: Array) -> None:
 
 
 def moved_case(
-    cuts: Sequence[Cut], mass: bool, found: Case | None = None, best: Fit | None = None
+    cuts: Sequence[Cut],
+    parts: Sequence[str],
+    found: Case | None = None,
+    best: Fit | None = None,
 ) -> Case | None:
     """A prescribed motion as a case in which noise is all that a right model leaves.
 
     Args:
         cuts: usable parts of the recordings.
-        mass: whether the baseline has one.
+        parts: what the baseline has of stiffness, damping and mass.
         found: a case made before, whose courses are kept.
         best: a fit that leaves less, from which the noise is known better.
     """
@@ -252,10 +258,13 @@ def moved_case(
         if not all(np.all(np.isfinite(k.motion)) for k in courses):
             return None
         segments = [_segment(c, k) for c, k in zip(cuts, courses, strict=True)]
-        model = _linear(cuts, segments, mass)
+        model = _linear(cuts, segments, parts)
         made = fit(model, (), segments, {}, tolerance=FINE)
-        both = zip(courses, segments, strict=True)
-        bands = [(k.noise, k.band, k.ends, k.colour, _turns(k, s.period)) for k, s in both]
+        order = derivative_of(cuts[0].drive_unit)
+        bands = [
+            (k.noise, k.band, k.ends, k.colour, _turns(k, s.period, order))
+            for k, s in zip(courses, segments, strict=True)
+        ]
     else:
         assert isinstance(found.model, MovedModel)  # noqa: S101 - made below
         segments, model, made = list(found.segments), found.model, found.baseline
@@ -268,13 +277,22 @@ def moved_case(
     noise = _noise(cuts, segments, best or made, [turns for *_, turns in bands])
     if not noise > 0.0:
         return None
-    device = made.values['stiffness'], made.values['damping'], made.values.get('mass', 0.0)
+    stiffness, damping, mass = (made.values.get(name, 0.0) for name in PARTS)
     ready = [
         dataclasses.replace(
             s,
             weight=weight_by_runs(s.measured, noise),
             noise=noise,
-            whitener=MovedNoise(noise, moved, band, device, s.period, ends, wanders, turns=turns),
+            whitener=MovedNoise(
+                noise,
+                moved,
+                band,
+                (stiffness, damping, mass),
+                s.period,
+                ends,
+                wanders,
+                turns=turns,
+            ),
         )
         for s, (moved, band, ends, wanders, turns) in zip(segments, bands, strict=True)
     ]
@@ -292,13 +310,21 @@ def moved_case(
     )
 
 
-def _turns(course: Course, period: float) -> NDArray[np.bool_] | None:
-    """Samples at which the motion turns round, shape (n,); None where it does so between them.
+def _turns(course: Course, period: float, order: int) -> NDArray[np.bool_] | None:
+    """Samples at which the motion turns round or rests, shape (n,); None where there are none.
 
     Dry friction may have either sign there, or any force between: which, nobody knows.
     """
     _, speed, acceleration = course.motion
     turns = np.abs(speed) < ON_A_SAMPLE * period * np.abs(acceleration)
+    passed = 2.0 * period * course.band
+    if order == 0:
+        passed *= (2.0 * math.pi * course.band) ** 2 / 3.0
+    slow = np.abs(speed) <= SLOW * course.noise * math.sqrt(passed)
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]])))
+    for first, last in ends.reshape(-1, 2).tolist():
+        if 2.0 * course.band * period * (last - first) > RESTS:
+            turns[first:last] = True
     return turns if np.any(turns) else None
 
 
@@ -344,18 +370,17 @@ def _segment(cut: Cut, course: Course) -> Segment:
     )
 
 
-def _linear(cuts: Sequence[Cut], segments: Sequence[Segment], mass: bool) -> MovedModel:
+def _linear(cuts: Sequence[Cut], segments: Sequence[Segment], parts: Sequence[str]) -> MovedModel:
     fitted = [s for s in segments if not s.held_out]
     motion = np.concatenate([s.drive for s in fitted], axis=1)
     force = np.concatenate([s.measured for s in fitted])
-    rms = np.maximum(np.sqrt(np.mean(motion**2, axis=1)), 1e-300)
+    used = [PARTS.index(name) for name in parts]
+    rms = np.maximum(np.sqrt(np.mean(motion[used] ** 2, axis=1)), 1e-300)
     level = float(np.sqrt(np.mean(force**2))) or 1.0
-    count = 3 if mass else 2
-    linear = np.linalg.lstsq((motion[:count] / rms[:count, None]).T, force, rcond=None)[0]
+    linear = np.linalg.lstsq((motion[used] / rms[:, None]).T, force, rcond=None)[0]
     f, x = cuts[0].unit, cuts[0].drive_unit.split('/', 1)[0] or '1'
     units = (f'{f}/{x}', f'{f} s/{x}', 'kg' if (f, x) == ('N', 'm') else f'{f} s^2/{x}')
-    names = ('stiffness', 'damping', 'mass')[:count]
-    rows = zip(names, units, linear, rms, strict=False)
+    rows = zip(parts, [units[j] for j in used], linear, rms, strict=True)
     return MovedModel(
         tuple(Number(n, u, (float(k / r),), level / float(r)) for n, u, k, r in rows), ()
     )
@@ -400,12 +425,15 @@ def _terms(
         force,
         len(segments),
         moving=sum(begins_in_motion(s.measured) for s in segments),
+        kind='driven' if 'stiffness' in made.values else 'axis',
         joint=unit == 'rad',
     )
     found = []
     for term in terms:
         if term.name == 'base_compliance':
             continue  # the motion is measured where the device is
+        if term.name == 'offset' and not term.output:
+            continue  # of the force there is one, in its channel
         found.append(term)
         if term.name == 'coulomb_friction':
             found.append(
@@ -422,7 +450,6 @@ def _terms(
             found.append(
                 _rounded(term, 'turning_speed', f'{unit}/s', v, 'F+- tanh(v / v_t)', ROUNDED)
             )
-    del made
     longest = max(s.measured.size * s.period for s in fitted)
     times = [r * x / v for r in RELAXES]
     moving = sum(begins_in_motion(s.drive[0]) for s in fitted)

@@ -19,7 +19,7 @@ from impactscope.discrepancy.campaign import Campaign, CampaignKind, Role
 from impactscope.discrepancy.driven.baseline import FREE, linear_start
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
-from impactscope.discrepancy.driven.moved import moved_case
+from impactscope.discrepancy.driven.moved import PARTS, moved_case
 from impactscope.discrepancy.evidence import noise_std
 
 __all__ = ['WrongUnit', 'told', 'with_right_units']
@@ -202,7 +202,7 @@ def _linear(campaign: Campaign) -> tuple[Sequence[Segment], Fit]:
     """The linear model of the recordings that are fitted, and what it leaves of all."""
     begun = linear_start(campaign, [])
     if campaign.kind is CampaignKind.PRESCRIBED_MOTION:
-        case = moved_case(begun.parts, mass=True)  # by the motion's whole course
+        case = moved_case(begun.parts, PARTS)  # by the motion's whole course
         if case is not None:
             return case.segments, case.baseline
     return begun.segments, begun.linear

@@ -30,7 +30,7 @@ from impactscope.discrepancy.driven.fitting import Fit, fit
 from impactscope.discrepancy.driven.looks import looks, prospects
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment
 from impactscope.discrepancy.driven.more_than_noise import LARGER, SURE, more_than_noise
-from impactscope.discrepancy.driven.moved import moved_case
+from impactscope.discrepancy.driven.moved import PARTS, moved_case
 from impactscope.discrepancy.driven.noise_judge import OWN, PRICE, priced, reduced
 from impactscope.discrepancy.driven.noisy_force import knowing_noise_of_the_force
 from impactscope.discrepancy.driven.plate import plate_under_hammer
@@ -210,17 +210,23 @@ def motion_answer(
     campaign: Campaign, parts: Sequence[Cut], notes: Sequence[str], tell: Progress
 ) -> tuple[Answer | None, bool]:
     """The answer for a prescribed motion that noise hides alone; None if it is none."""
-    if not sprung(campaign):
-        return None, False
     own: list[str] = []
     whole = cuts(campaign, [parts[0].channel], parts[0].drive_channel, own, MOST_OF_PLATE)
-    mass = 'linear_mass_spring_damper' in campaign.baseline_names or not campaign.baseline
-    case = moved_case(whole, mass)
+    massless = campaign.baseline and not {
+        'linear_mass_spring_damper',
+        'linear_mass_damper',
+    } & set(campaign.baseline_names)
+    device = [
+        name
+        for name, there in zip(PARTS, (sprung(campaign), True, not massless), strict=True)
+        if there
+    ]
+    case = moved_case(whole, device)
     if case is None:
         return None, False
 
     def anew(before: Case, found: Fit) -> Case | None:
-        return moved_case(whole, mass, before, found)
+        return moved_case(whole, device, before, found)
 
     answer, _, sure = _repeated(campaign, case, anew, notes, tell)
     return answer, sure and not _errs(answer)
