@@ -77,8 +77,9 @@ def print_answer(answer: 'Answer') -> None:
             f'{name} {_value_of(item.value, item.std)} {_unit_of(item.unit)}'.rstrip()
             for name, item in finding.parameters.items()
         )
+        place = f' of {finding.channel}' if finding.channel else ''
         out.print(
-            f'  {mark} {finding.name}: probability {finding.probability:.3f}'
+            f'  {mark} {escape(finding.name + place)}: probability {finding.probability:.3f}'
             f'{escape("; " + values) if values else ""}'
         )
     _print_fit(answer)

@@ -7,7 +7,7 @@ form. SI units; times in s after a recording's first sample.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -177,8 +177,12 @@ class Answer:
         """The answer in a sentence or two."""
         if not self.mismatch.detected:
             return 'Nothing is missing: the baseline explains the recordings to their noise.'
-        found = [f.sentence or f.name for f in self.findings if f.name != 'unknown']
-        text = ' '.join(found)
+        where: dict[str, list[str]] = {}
+        for finding in self.findings:
+            if finding.name != 'unknown':
+                channels = where.setdefault(finding.sentence or finding.name, [])
+                channels += [finding.channel] if finding.channel else []
+        text = ' '.join(_with_channels(s, channels) for s, channels in where.items())
         if self.unexplained:
             rest = self.unexplained_description or 'Something is missing that is not known here.'
             text = f'{text} {rest}' if text else rest
@@ -197,7 +201,7 @@ class Answer:
                 'regions': [_region(r) for r in self.mismatch.regions],
                 'subsystems': list(self.mismatch.subsystems),
             },
-            'accepted': list(self.accepted),
+            'accepted': list(dict.fromkeys(self.accepted)),
             'ranking': [_finding(f) for f in self.ranking],
             'fit': {
                 'baseline': _figures(self.fit.baseline),
@@ -244,6 +248,12 @@ def _parameters(values: Mapping[str, ParameterEstimate]) -> dict[str, Any]:
         name: {'value': _plain(item.value), 'std': _number(item.std), 'unit': item.unit}
         for name, item in values.items()
     }
+
+
+def _with_channels(sentence: str, channels: Sequence[str]) -> str:
+    """A sentence that says in which channels it is so, where it does not already."""
+    told = ', '.join(c for c in dict.fromkeys(channels) if c not in sentence)
+    return f'{sentence.removesuffix(".")} ({told}).' if told else sentence
 
 
 def _region(region: Region) -> dict[str, Any]:

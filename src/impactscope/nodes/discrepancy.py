@@ -93,7 +93,7 @@ class Discrepancy(StageNode):
             detected=answer.mismatch.detected,
             p_value=float(answer.mismatch.p_value),
             subsystems=list(answer.mismatch.subsystems),
-            accepted=list(answer.accepted),
+            accepted=list(dict.fromkeys(answer.accepted)),
             candidates=[finding.name for finding in answer.ranking],
             probabilities=[float(finding.probability) for finding in answer.ranking],
             unexplained=answer.unexplained,

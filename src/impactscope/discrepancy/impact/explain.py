@@ -51,7 +51,7 @@ from impactscope.discrepancy.patience import lasts
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
-__all__ = ['explain_impact']
+__all__ = ['explain_impact', 'with_direct']
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
@@ -193,22 +193,21 @@ def _answer(
         direct = [f for f in direct if (f.name, f.channel) not in fitted]
     traces, strips = pictures(outcome)
     findings = ranked(outcome, accepted)
-    found = [c.name for c in accepted] + [f.name for f in direct]
+    found = [c.name for c in accepted]
     if unexplained:
         kept = share_of_known(outcome, thresholds)
         findings = [weaker(f, kept) for f in findings]
         resembles = ', '.join(dict.fromkeys(f.name for f in findings[:1]))
         if resembles:
             description += f' Of what is known here it most resembles {resembles}.'
-        found = [f.name for f in direct]
+        found = ['unknown']
         findings.insert(
             0,
             Finding(
                 'unknown', 1 - kept, 'unknown', sentence='Something is missing that is not known.'
             ),
         )
-        found.append('unknown')
-    ranking = [*direct, *findings]
+    ranking, found = with_direct(findings, found, direct)
     detected = bool(found)
     regions = locate(strips, thresholds.false_region) if detected else ()
     regions = (*_clipped_regions(data), *regions)
@@ -241,6 +240,20 @@ def _answer(
         ),
         traces=traces,
     )
+
+
+def with_direct(
+    findings: Sequence[Finding], found: Sequence[str], direct: Sequence[Finding]
+) -> tuple[list[Finding], list[str]]:
+    """The ranking, and what is found, with what was seen in the samples themselves.
+
+    What is found stands first in ``findings``. A channel that is cut off comes before it, the
+    steps of a converter after it: they hide no motion.
+    """
+    steps = [f for f in direct if f.name == 'quantisation']
+    clipped = [f for f in direct if f.name != 'quantisation']
+    ranking = [*clipped, *findings[: len(found)], *steps, *findings[len(found) :]]
+    return ranking, [*(f.name for f in clipped), *found, *(f.name for f in steps)]
 
 
 def _saved(campaign: Campaign, outcome: Outcome, unexplained: bool) -> dict[str, object]:
