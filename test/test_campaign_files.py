@@ -71,6 +71,27 @@ def test_a_recording_elsewhere_is_refused(folder):
         load_campaign(folder)
 
 
+@pytest.mark.parametrize('linked', ['file', 'folder'])
+def test_a_link_to_a_recording_elsewhere_is_called_one(folder, tmp_path_factory, linked):
+    elsewhere = tmp_path_factory.mktemp('elsewhere')
+    (folder / 'one.mcap').rename(elsewhere / 'one.mcap')
+    if linked == 'file':
+        name = 'one.mcap'
+        (folder / name).symlink_to(elsewhere / 'one.mcap')
+    else:
+        name = 'sub/one.mcap'
+        (folder / 'sub').symlink_to(elsewhere)
+    (folder / 'campaign.yaml').write_text(TEXT.replace('one.mcap', name), encoding='utf-8')
+    with pytest.raises(ConfigurationError, match=f"'{name}' is a link that points outside"):
+        load_campaign(folder)
+
+
+def test_a_link_to_a_recording_of_the_campaign_is_read(folder):
+    (folder / 'one.mcap').rename(folder / 'two.mcap')
+    (folder / 'one.mcap').symlink_to('two.mcap')
+    assert load_campaign(folder).recordings[0].channels['force'].values.size == 7
+
+
 def test_missing_files_are_named(folder, tmp_path):
     (folder / 'one.mcap').unlink()
     with pytest.raises(RecordingError, match=r'one\.mcap'):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -100,7 +101,14 @@ def load_campaign(path: Path | str, *, samples: bool = True) -> Campaign:
     def load(name: str) -> dict[str, ChannelSamples]:
         target = (folder / name).resolve()
         if not target.is_relative_to(folder):
-            raise ConfigurationError(f'{campaign.name}: {name!r} lies outside of the campaign')
+            named = Path(os.path.normpath(folder / name))
+            what = (
+                f'is a link that points outside of the campaign, to {str(target)!r}; put the file '
+                'itself there'
+                if named.is_relative_to(folder)
+                else 'lies outside of the campaign'
+            )
+            raise ConfigurationError(f'{campaign.name}: {name!r} {what}')
         return read_channels(target)
 
     return campaign.with_samples(load)

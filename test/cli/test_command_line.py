@@ -184,6 +184,20 @@ def test_convert_takes_dates_and_times_without_a_unit(capsys, tmp_path):
     assert '10 Hz' in out
 
 
+def test_convert_tells_of_a_column_of_a_lower_rate(capsys, tmp_path):
+    table = tmp_path / 'log.csv'
+    rows = [f'{i / 10},{i % 7},{i * i if i % 5 == 0 else ""}' for i in range(500)]
+    table.write_text('t,Fz,x\n' + '\n'.join(rows), encoding='utf-8')
+    channels = ('--channel', 'force=Fz:N', '--channel', 'displacement=x:mm')
+    code, out, _ = run(
+        capsys, 'convert', table, tmp_path / 'a.mcap', '--time-column', 't', *channels
+    )
+    assert code == 0
+    told = ' '.join(out.split())
+    assert 'force, 500 samples each at 10 Hz; displacement, 100 samples each at 2 Hz' in told
+    assert "note: 'displacement' has a number on one row in 5 only" in told
+
+
 def test_columns_said_twice_are_refused(capsys, tmp_path):
     table, mapping = tmp_path / 'blow.csv', tmp_path / 'blow.yaml'
     table.write_text(

@@ -14,6 +14,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from impactscope.campaign_files import read_channels
 from impactscope.errors import (
     ConfigurationError,
     ImpactscopeError,
@@ -221,6 +222,8 @@ def test_columns_that_are_not_there_or_differ_in_length(tmp_path):
     [
         ('a.csv', b'', 'is empty'),
         ('a.csv', b'only,words\nand,more\n', 'no rows of numbers'),
+        ('a.csv', b't,F,c\n0,1,5\n1,2\n2,3\n3,4\n', 'line 2: 3 columns instead of 2'),
+        ('a.txt', b'it ran for\nreal 3\nuser 2\n', 'no rows of numbers'),
         ('a.csv', b't,F\n0,1\n1,two\n', r"line 3, column 1: 'two' is no number"),
         ('a.csv', b'0,1\n1\n', 'line 2: 1 columns instead of 2'),
         ('a.csv', b'\xff\xfe\x00\x01', 'neither text'),
@@ -229,7 +232,7 @@ def test_columns_that_are_not_there_or_differ_in_length(tmp_path):
         ('a.mat', b'MATLAB 5.0 MAT-file' + b' ' * 200, 'a.mat'),
         ('a.mat', b'\x89HDF\r\n\x1a\n', 'save -v7'),
         ('a.json', b'{"a": "b"}', 'no table of numbers'),
-        ('a.json', b'{"a": [[1], [2, 3]]}', 'cannot be read as a table'),
+        ('a.json', b'{"a": [[1], [2, 3]]}', r'no table of numbers: a \(lists of different'),
     ],
 )
 def test_files_that_are_no_tables(tmp_path, name, content, message):
@@ -505,8 +508,10 @@ def test_dates_and_times_that_are_none(tmp_path, rows, message):
 def test_other_dates_are_named(tmp_path):
     file = tmp_path / 'a.csv'
     file.write_text('t,F\n1.5.2025 20:07,1\n2.5.2025 20:07,2\n', encoding='utf-8')
-    with pytest.raises(RecordingError, match=r"column 0 .* is '2\.5\.2025 20:07', neither"):
-        read_columns(file)
+    read = read_columns(file)
+    assert read.column('F').tolist() == [1.0, 2.0]
+    with pytest.raises(MissingChannelError, match=r"'t' .*'1\.5\.2025 20:07' in line 2, neither"):
+        read.seconds('t', 's')
 
 
 def test_a_missing_date_and_time_is_refused_with_its_row(tmp_path):
@@ -612,3 +617,253 @@ def test_the_mapping_file_of_the_docs_is_one():
     mapping = ColumnMapping.from_mapping(yaml.safe_load(example))
     assert (mapping.time, mapping.time_unit) == ('t', 'ms')
     assert [spec.scale for spec in mapping.channels] == [-1.0, 1.0]
+
+
+def two_rates(slow, first=3, step=4, count=400, rate=100.0):
+    """A table with a column at a rate and one with a number on every step-th row only."""
+    time = 5.0 + np.arange(count) / rate
+    force = np.sin(3.0 * time)
+    position = np.full(count, np.nan)
+    position[first::step] = slow(time[first::step])
+    return np.column_stack([time, force, position])
+
+
+TWO_RATES = (ColumnSpec('force', 1, 'N'), ColumnSpec('displacement', 2, 'm'))
+
+
+@pytest.mark.parametrize('resample', [False, True])
+def test_a_column_with_a_number_on_every_fourth_row_has_a_rate_of_its_own(tmp_path, resample):
+    table = two_rates(np.cos)
+    table[203, 2] = np.nan  # lost, and at a row where one is to be
+    np.save(tmp_path / 'a.npy', table)
+    mapping = ColumnMapping(TWO_RATES, time=0, resample=resample, start_ns=10**18)
+    made = convert(tmp_path / 'a.npy', tmp_path / 'a.mcap', mapping)
+    assert (made.channels, made.rates, made.counts) == (
+        ('force', 'displacement'), (100.0, 25.0), (400, 100),
+    )  # fmt: skip
+    assert (made.sample_rate, made.samples) == (100.0, 400)
+    assert made.notes[0] == (
+        "'displacement' has a number on one row in 4 only: it is written at 25 Hz"
+    )
+    channels = read_channels(made.path)
+    assert channels['force'].sample_rate == 100.0
+    slow = channels['displacement']
+    assert (slow.sample_rate, slow.values.size) == (25.0, 100)
+    assert slow.start == pytest.approx(0.03, abs=1e-9)
+    known = np.arange(100) != 50
+    np.testing.assert_allclose(slow.values[known], np.cos(5.0 + slow.time[known]), atol=1e-6)
+    if not resample:
+        assert np.isnan(slow.values[50])
+        assert made.notes[1] == "'displacement': 1 of 100 samples are no numbers"
+        assert made.quality is Quality.NOT_FINITE
+
+
+def test_a_sample_rate_is_that_of_the_rows(tmp_path):
+    np.save(tmp_path / 'a.npy', two_rates(np.cos))
+    made = convert(
+        tmp_path / 'a.npy', tmp_path / 'a.mcap', ColumnMapping(TWO_RATES, sample_rate=200.0)
+    )
+    assert made.rates == (200.0, 50.0)
+
+
+def test_blocks_of_two_rates_stand_in_the_order_of_their_times(tmp_path):
+    np.save(tmp_path / 'a.npy', two_rates(np.cos))
+    made = convert(tmp_path / 'a.npy', tmp_path / 'a.mcap', ColumnMapping(TWO_RATES, time=0))
+    with open_recording(made.path) as recording:
+        blocks = [b for b in read_streams(recording) if isinstance(b, SampleBlock)]
+    received = [b.received_ns for b in blocks if not b.is_end]
+    assert received == sorted(received)
+    assert sum(b.is_end for b in blocks) == 2
+
+
+def test_numbers_on_uneven_rows_are_told_and_get_a_rate_by_themselves(tmp_path):
+    table = two_rates(np.cos)
+    rows = np.cumsum(np.random.default_rng(2).integers(11, 14, 30))
+    table[:, 2] = np.nan
+    table[rows, 2] = np.cos(table[rows, 0])
+    np.save(tmp_path / 'a.npy', table)
+    made = convert(tmp_path / 'a.npy', tmp_path / 'a.mcap', ColumnMapping(TWO_RATES, time=0))
+    assert made.counts == (400, 400)
+    assert len(made.notes) == 1
+    assert "'displacement': 370 of 400 samples are no numbers; its numbers" in made.notes[0]
+    assert 'by itself with --resample' in made.notes[0]
+    alone = ColumnMapping(TWO_RATES[1:], time=0, resample=True)
+    made = convert(tmp_path / 'a.npy', tmp_path / 'b.mcap', alone)
+    slow = read_channels(made.path)['displacement']
+    assert made.sample_rate == pytest.approx(100.0 / 12, rel=1e-5)
+    first = table[rows[0], 0]
+    assert (
+        np.max(
+            np.abs(slow.values - np.cos(first + np.arange(slow.values.size) / slow.sample_rate))
+        )
+        < 0.01
+    )
+
+
+@pytest.mark.parametrize('rows', [range(0, 28, 4), [*range(0, 80, 8), 399], range(400)])
+def test_few_or_scattered_numbers_make_no_rate(tmp_path, rows):
+    table = two_rates(np.cos)
+    table[:, 2] = np.nan
+    table[list(rows), 2] = 1.0
+    np.save(tmp_path / 'a.npy', table)
+    made = convert(tmp_path / 'a.npy', tmp_path / 'a.mcap', ColumnMapping(TWO_RATES, time=0))
+    assert made.rates == (100.0, 100.0)
+
+
+def test_a_column_that_ends_early_is_told_without_another_remedy(tmp_path):
+    table = two_rates(np.cos, first=0, step=1)
+    table[100:, 2] = np.nan
+    np.save(tmp_path / 'a.npy', table)
+    made = convert(tmp_path / 'a.npy', tmp_path / 'a.mcap', ColumnMapping(TWO_RATES, time=0))
+    assert made.notes == ("'displacement': 300 of 400 samples are no numbers",)
+
+
+def test_a_decimal_comma_before_a_tab_at_the_end(tmp_path):
+    file = tmp_path / 'a.txt'
+    file.write_text('\n'.join(f'{k},5\t' for k in range(20)), encoding='utf-8')
+    assert read_columns(file).column(0).tolist() == [k + 0.5 for k in range(20)]
+
+
+LABVIEW = """LabVIEW Measurement\t
+Separator\tTab
+***End_of_Header***\t
+\t
+Channels\t2\t\t\t
+Samples\t30\t30\t\t
+Delta_X\t1.000000E-2\t1.000000E-2\t\t
+***End_of_Header***\t\t\t
+X_Value\tAcceleration\tLoad\tComment
+"""
+
+
+@pytest.mark.parametrize('comment', ['\tSpecimen 9', '\t7.5', '', '\t'])
+def test_text_of_labview_keeps_its_headings_and_its_first_row(tmp_path, comment):
+    rows = [f'{k / 100:.6f}\t{k * k}\t{-k}' for k in range(30)]
+    rows[0] += comment
+    file = tmp_path / 'a.lvm'
+    file.write_text(LABVIEW + '\r\n'.join([*rows, '']), encoding='utf-8')
+    read = read_columns(file)
+    np.testing.assert_allclose(read.column('X_Value'), np.arange(30) / 100)
+    np.testing.assert_allclose(read.column('Load'), -np.arange(30))
+    assert read.first_row == 10
+    assert describe(file)[:3] == [
+        "0 'X_Value' (30 rows)", "1 'Acceleration' (30 rows)", "2 'Load' (30 rows)"
+    ]  # fmt: skip
+    if 'Specimen' in comment:
+        told = "text such as 'Specimen 9' in line 10"
+        assert describe(file)[3] == f"passed over: 3 'Comment' ({told})"
+        with pytest.raises(MissingChannelError, match=told):
+            read.column('Comment')
+
+
+@pytest.mark.parametrize('delimiter', [',', ';'])
+@pytest.mark.parametrize('headings', [['state', 't', 'F', 'note'], None])
+def test_columns_of_text_beside_numbers_are_passed_over(tmp_path, delimiter, headings):
+    point = ',' if delimiter == ';' else '.'
+    rows = [
+        ['on', f'{k / 10:.1f}'.replace('.', point), str(k), 'begin' if k == 2 else '']
+        for k in range(200)
+    ]
+    file = tmp_path / 'a.csv'
+    lines = [*([headings] if headings else []), *rows]
+    file.write_text('\n'.join(delimiter.join(line) for line in lines), encoding='utf-8')
+    read = read_columns(file)
+    np.testing.assert_allclose(read.column(1), np.arange(200) / 10)
+    np.testing.assert_allclose(read.column('F' if headings else 2), np.arange(200))
+    first = 2 if headings else 1
+    assert [line.split(' (')[1] for line in describe(file)[2:]] == [
+        f"text such as 'on' in line {first})",
+        f"text such as 'begin' in line {first + 2})",
+    ]
+    assert len(describe(file)) == 4
+
+
+def test_names_before_numbers_in_a_header_are_no_column_of_text(tmp_path):
+    file = tmp_path / 'a.csv'
+    header = [f'key {k},{k}' for k in range(60)]
+    file.write_text('\n'.join([*header, 'x,F', '0,1', '0.1,2', '0.2,4']), encoding='utf-8')
+    read = read_columns(file)
+    assert read.names == ('x', 'F')
+    assert read.column('F').tolist() == [1.0, 2.0, 4.0]
+    assert not read.texts
+
+
+def test_a_row_with_text_below_the_headings_is_refused_not_lost(tmp_path):
+    file = tmp_path / 'a.csv'
+    rows = [f'{k},{k}' for k in range(2, 20)]
+    file.write_text('\n'.join(['t,F', '0,off', '1,off', *rows]), encoding='utf-8')
+    with pytest.raises(RecordingError, match=r"line 2, column 1: 'off' .*skip 3 lines"):
+        read_columns(file)
+    read = read_columns(file, skip_rows=3)
+    assert read.column('t').tolist() == list(range(2, 20))
+
+
+def test_headings_are_found_above_rows_that_are_skipped(tmp_path):
+    file = tmp_path / 'a.csv'
+    file.write_text('\n'.join(['t,F', *(f'{k},{k * k}' for k in range(20))]), encoding='utf-8')
+    assert read_columns(file, skip_rows=5).column('F').tolist() == [k * k for k in range(4, 20)]
+
+
+def test_a_list_of_objects_in_json_is_a_table(tmp_path):
+    file = tmp_path / 'a.json'
+    entries = [
+        {'t': 0.0, 'f': 1, 'on': True, 'imu': {'a': [1, 2]}, 'state': 'idle'},
+        {'t': 0.1, 'on': False, 'imu': {'a': [3, 4]}, 'state': None},
+        {'t': 0.2, 'f': None, 'late': 5},
+    ]
+    entries[2]['imu'] = {'a': [5, 6]}
+    file.write_text(json.dumps(entries), encoding='utf-8')
+    read = read_columns(file)
+    assert read.names == ('t', 'f', 'on', 'imu.a[0]', 'imu.a[1]', 'late')
+    np.testing.assert_array_equal(read.column('f'), [1.0, np.nan, np.nan])
+    np.testing.assert_array_equal(read.column('late'), [np.nan, np.nan, 5.0])
+    np.testing.assert_array_equal(read.column('on'), [1.0, 0.0, np.nan])
+    np.testing.assert_array_equal(read.column('imu.a[1]'), [2.0, 4.0, 6.0])
+    assert describe(file)[0] == "0 't' (3 rows)"
+    assert describe(file)[-1] == "passed over: state (text such as 'idle')"
+    file.write_text(json.dumps({'gain': 16, 'entries': entries}), encoding='utf-8')
+    np.testing.assert_array_equal(read_columns(file).column('entries.t'), [0.0, 0.1, 0.2])
+    file.write_text(json.dumps([{'a': 'x'}, {'a': 'y'}]), encoding='utf-8')
+    with pytest.raises(RecordingError, match=r"no table of numbers: a \(text such as 'x'\)"):
+        read_columns(file)
+
+
+def test_an_array_of_three_dimensions_is_refused_with_what_helps(tmp_path):
+    np.save(tmp_path / 'a.npy', np.zeros((3, 4, 5)))
+    with pytest.raises(RecordingError, match=r'array\[0\]\) of 4 x 5, or .* reshape'):
+        read_columns(tmp_path / 'a.npy')
+    np.savez(tmp_path / 'a.npz', blows=np.zeros((3, 4, 5)))
+    with pytest.raises(RecordingError, match=r'blows\[0\]\) of 4 x 5'):
+        read_columns(tmp_path / 'a.npz')
+
+
+def test_text_is_gone_where_rows_are_channels(tmp_path):
+    file = tmp_path / 'a.csv'
+    file.write_text('\n'.join(f'row{k},{k},{2 * k}' for k in range(20)), encoding='utf-8')
+    read = read_columns(file, transpose=True)
+    assert read.column(3).tolist() == [3.0, 6.0]
+
+
+@pytest.mark.parametrize('heading', ['', 't,F\n'])
+@pytest.mark.parametrize(('odd', 'told'), [(1, 'its first time is'), (3, 'the first 3 of its')])
+def test_a_first_time_out_of_step_is_left_out_with_its_row(tmp_path, heading, odd, told):
+    times = np.arange(200) / 100.0
+    times[:odd] -= 7.0 + np.arange(odd)[::-1] ** 2  # stamps from before the clock was set
+    rows = '\n'.join(f'{t:.3f},{k}' for k, t in enumerate(times))
+    file = tmp_path / 'a.csv'
+    file.write_text(heading + rows, encoding='utf-8')
+    spec = (ColumnSpec('force', 'F' if heading else 1, 'N'),)
+    lines = odd + bool(heading)
+    message = rf"'a\.csv': {told}.* out of step, .* even at 100 Hz: .*--skip-rows {lines} "
+    key = 't' if heading else 0
+    with pytest.raises(InputError, match=message) as refused:
+        convert(file, tmp_path / 'a.mcap', ColumnMapping(spec, time=key))
+    assert '--resample' not in str(refused.value)
+    made = convert(file, tmp_path / 'a.mcap', ColumnMapping(spec, time=key, skip_rows=lines))
+    assert (made.samples, made.sample_rate) == (200 - odd, 100.0)
+    np.save(tmp_path / 'a.npy', np.column_stack([times, times]))
+    mapping = ColumnMapping((ColumnSpec('force', 1, 'N'),), time=0)
+    with pytest.raises(
+        InputError, match=r'out of step.* leave .* rows? out$|leave so many rows out$'
+    ):
+        convert(tmp_path / 'a.npy', tmp_path / 'b.mcap', mapping)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from impactscope.errors import InputError
@@ -18,6 +18,7 @@ def test_even_times_stay_as_they_are():
     np.testing.assert_allclose(made.columns[0], values, atol=1e-9)
 
 
+@example(seed=1, scatter=1e-13)  # its last time is by rounding before the grid's
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.45))
 @settings(max_examples=30, deadline=None)
 def test_a_line_is_a_line_whatever_the_times(seed, scatter):

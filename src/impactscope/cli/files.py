@@ -176,12 +176,18 @@ def convert(
     if resample:
         columns = dataclasses.replace(columns, resample=True)
     made = recordings.convert(source, destination, columns, overwrite=overwrite)
-    out.print(
-        f'wrote [bold]{escape(str(destination))}[/bold]: {escape(", ".join(made.channels))}, '
-        f'{made.samples} samples each at {made.sample_rate:g} Hz'
+    written: dict[tuple[int, float], list[str]] = {}
+    for name, count, rate in zip(made.channels, made.counts, made.rates, strict=True):
+        written.setdefault((count, rate), []).append(name)
+    told = '; '.join(
+        f'{escape(", ".join(names))}, {count} samples each at {rate:g} Hz'
+        for (count, rate), names in written.items()
     )
+    out.print(f'wrote [bold]{escape(str(destination))}[/bold]: {told}')
     if made.quality:
         out.print(f'quality flags: {", ".join(str(flag.name) for flag in made.quality)}')
+    for note in made.notes:
+        out.print(f'note: {escape(note)}')
 
 
 def paper(json_file: Json = None, report: Report = None) -> None:

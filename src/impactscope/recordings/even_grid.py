@@ -17,7 +17,7 @@ from scipy.interpolate import PchipInterpolator
 
 from impactscope.errors import InputError
 
-__all__ = ['BACKWARDS_REMEDY', 'LOST', 'EvenGrid', 'even_grid']
+__all__ = ['BACKWARDS_REMEDY', 'LOST', 'EvenGrid', 'even_grid', 'refuse_unordered']
 
 Array = NDArray[np.float64]
 
@@ -48,16 +48,8 @@ def _merged(values: Array, first: NDArray[np.intp]) -> Array:
     return np.asarray(np.add.reduceat(values, first) / counts)
 
 
-def even_grid(times: Array, columns: Sequence[Array], rate: float | None = None) -> EvenGrid:
-    """Bring columns from uneven times to an even grid that begins at the first time.
-
-    Args:
-        times: in s, shape (n,); equal ones may follow each other, none may run backwards.
-        columns: values at these times, shape (n,) each; NaN counts as lost.
-        rate: of the grid in Hz; None: one over the median interval.
-
-    Raises InputError where times run backwards, are not finite, or are fewer than two.
-    """
+def refuse_unordered(times: Array) -> None:
+    """Raise InputError where times in s, shape (n,), run backwards or are not finite."""
     if not np.all(np.isfinite(times)):
         row = int(np.flatnonzero(~np.isfinite(times))[0])
         raise InputError(f'row {row}: the time is {times[row]}')
@@ -68,6 +60,20 @@ def even_grid(times: Array, columns: Sequence[Array], rate: float | None = None)
             f'row {row}: the time runs backwards ({times[row - 1]:.9g} s, then '
             f'{times[row]:.9g} s); {BACKWARDS_REMEDY}'
         )
+
+
+def even_grid(times: Array, columns: Sequence[Array], rate: float | None = None) -> EvenGrid:
+    """Bring columns from uneven times to an even grid that begins at the first time.
+
+    Args:
+        times: in s, shape (n,); equal ones may follow each other, none may run backwards.
+        columns: values at these times, shape (n,) each; NaN counts as lost.
+        rate: of the grid in Hz; None: one over the median interval.
+
+    Raises InputError where times run backwards, are not finite, or are fewer than two.
+    """
+    refuse_unordered(times)
+    steps = np.diff(times)
     first = np.flatnonzero(np.concatenate([[True], steps > 0.0]))
     if first.size < 2:
         raise InputError(f'{times.size} rows have {first.size} different times; two are needed')
@@ -76,7 +82,7 @@ def even_grid(times: Array, columns: Sequence[Array], rate: float | None = None)
     if rate is None:
         rate = float(f'{1.0 / period:.6g}')
     count = int(np.floor((own[-1] - own[0]) * rate * (1.0 + 1e-12))) + 1
-    grid = own[0] + np.arange(count) / rate
+    grid = np.minimum(own[0] + np.arange(count) / rate, own[-1])  # the last may round beyond
     found = []
     lost = 0
     for column in columns:
