@@ -50,6 +50,21 @@ def test_a_sensor_that_looks_the_other_way_is_known(which):
     assert reversed_channels([part(made[which], made[0], unit)], spring=True) == ()
 
 
+def test_an_impactor_on_a_load_cell_is_a_mass_whichever_way_its_sensor_looks():
+    """Its sensor rings, so that no damped mass explains all of its acceleration."""
+    time = np.arange(1000) / RATE
+    force = 600.0 * np.where((time > 1.0) & (time < 1.2), np.sin((time - 1.0) * np.pi / 0.2), 0.0)
+    own = signal.lfilter([1.0], [1.0, -1.2, 0.9], force)
+    acceleration = force / 0.29 + 0.4 * (own - np.mean(own))
+    made = part(acceleration, force, 'm/s^2')
+    turned = part(-acceleration, force, 'm/s^2')
+    assert reversed_channels([made], spring=False) == ()
+    assert reversed_channels([turned], spring=False) == ('y',)
+    _, _, fitted = linear_oscillator([made], spring=False, held=False)
+    assert fitted.values['mass'] == pytest.approx(0.25, abs=0.06)
+    assert fitted.values['damping'] < 1.0
+
+
 def test_noise_has_no_sign():
     rng = np.random.default_rng(5)
     force, _, _ = shaken(2)

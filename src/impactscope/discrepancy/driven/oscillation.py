@@ -30,6 +30,7 @@ FIRST = 24  # samples of an axis that tell whether it begins at rest
 QUARTER = 0.25  # of a cycle is used to find the state at the first sample
 SLOWEST = 4.0  # periods in a recording, of an axis, below which its ends are most of what is seen
 SMOOTH = 25  # samples, through which a speed is taken
+AGREES = math.sqrt(0.5)  # cosine from which a force and an acceleration go together
 REVERSED = 0.6  # of what the right sign leaves, below which a sign is taken for wrong
 DAMPING_RATIOS = (0.005, 0.02, 0.08, 0.3, 0.9)
 
@@ -280,6 +281,10 @@ def reversed_channels(cuts: Sequence[Cut], *, spring: bool) -> tuple[str, ...]:
         mine = [c for c in cuts if c.channel == channel and c.drive is not None and not c.held_out]
         if not mine:
             continue
+        if not spring and derivative_of(mine[0].unit) == 2:
+            if _agreement(mine) < -AGREES:
+                found.append(channel)
+            continue
         scanned = _scan(mine, spring=spring)
         forward = min((x.error for x in scanned if x.gain > 0.0), default=math.inf)
         if scanned[0].gain < 0.0 and scanned[0].error < REVERSED * forward:
@@ -299,7 +304,33 @@ def _driven_starts(cuts: Sequence[Cut], *, spring: bool) -> list[tuple[float, fl
             chosen.append((mass, mass * x.loss, mass * x.omega**2))
         if len(chosen) == 3:
             break
+    if not spring and derivative_of(cuts[0].unit) == 2:
+        chosen += _mass_alone([c for c in cuts if not c.held_out])
     return chosen or [(1.0, 1.0, 1.0)]
+
+
+def _agreement(cuts: Sequence[Cut]) -> float:
+    """Cosine of the angle between force and acceleration, all recordings together, -1 to 1.
+
+    Of a mass that only a damper holds back it is positive: <F a> = m <a²> where the motion begins
+    and ends at rest.
+    """
+    driven = [(c.drive, c.output) for c in cuts if c.drive is not None]
+    forces = sum(float(drive @ drive) for drive, _ in driven)
+    accelerations = sum(float(output @ output) for _, output in driven)
+    both = sum(float(drive @ output) for drive, output in driven)
+    return both / max(math.sqrt(forces * accelerations), 1e-300)
+
+
+def _mass_alone(cuts: Sequence[Cut]) -> list[tuple[float, float, float]]:
+    """Mass, damping and stiffness of a mass that is hardly held back, by its acceleration."""
+    if not _agreement(cuts) > AGREES:
+        return []
+    driven = [(c.drive, c.output) for c in cuts if c.drive is not None]
+    both = sum(float(drive @ output) for drive, output in driven)
+    mass = sum(float(drive @ drive) for drive, _ in driven) / both
+    longest = max(c.output.size / c.rate for c in cuts)
+    return [(mass, 0.1 * mass / longest, 0.0)]
 
 
 def _sizes(
