@@ -12,7 +12,12 @@ from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.baseline import with_the_mass_alone
 from impactscope.discrepancy.driven.findings import _overlapping
-from impactscope.discrepancy.driven.oscillation import linear_oscillator, reversed_channels
+from impactscope.discrepancy.driven.oscillation import (
+    _agreement,
+    _mass_alone,
+    linear_oscillator,
+    reversed_channels,
+)
 from impactscope.discrepancy.driven.recordings import Cut, first_state
 
 RATE = 200.0
@@ -63,6 +68,22 @@ def test_an_impactor_on_a_load_cell_is_a_mass_whichever_way_its_sensor_looks():
     _, _, fitted = linear_oscillator([made], spring=False, held=False)
     assert fitted.values['mass'] == pytest.approx(0.25, abs=0.06)
     assert fitted.values['damping'] < 1.0
+
+
+def test_force_and_acceleration_of_a_damped_mass_agree():
+    time = np.arange(2000) / RATE
+    rng = np.random.default_rng(6)
+    force = signal.sosfilt(signal.butter(2, 20.0, fs=RATE, output='sos'), rng.normal(size=2000))
+    a, b, *_ = signal.cont2discrete(([1.0, 0.0], [2.0, 3.0]), 1.0 / RATE, 'foh')
+    acceleration = signal.lfilter(a[0], b, force)  # 2 kg held back by 3 N s/m
+    made = part(acceleration, force, 'm/s^2')
+    assert _agreement([made]) > 0.9
+    assert _agreement([part(-acceleration, force, 'm/s^2')]) < -0.9
+    ((mass, damping, stiffness),) = _mass_alone([made])
+    assert mass == pytest.approx(2.0, rel=0.05)
+    assert 0.0 < damping < mass / time[-1]
+    assert stiffness == 0.0
+    assert _mass_alone([part(-acceleration, force, 'm/s^2')]) == []
 
 
 def test_noise_has_no_sign():

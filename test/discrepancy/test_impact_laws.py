@@ -53,9 +53,7 @@ def test_forces_vanish_at_rest_and_follow_the_motion():
 
 def test_a_response_is_that_of_the_mechanism_with_the_same_law(sound, monkeypatch):
     """The cubic spring is both: an effect of the twin, and a force along the motion."""
-    monkeypatch.setattr(
-        laws, 'law_forces', lambda x, v, time, contact: iter([('cubic', '', True, x**3)])
-    )
+    monkeypatch.setattr(laws, 'law_forces', lambda x, v, *_: iter([('cubic', '', True, x**3)]))
     layout = sound.model.layout(sound.layout.blows, 0.1)
     here = at_point(sound.model, layout, sound.x)
     small = 1e6
@@ -67,6 +65,22 @@ def test_a_response_is_that_of_the_mechanism_with_the_same_law(sound, monkeypatc
     np.testing.assert_allclose(
         small * law.columns[:, 0], change, atol=0.03 * float(np.max(np.abs(change)))
     )
+
+
+def test_a_contact_that_sticks_pulls_on_as_steeply_as_it_fell():
+    step = 5e-4
+    time = np.arange(400) * step
+    steepness, unit = 200.0, 50.0  # N/s, N
+    contact = np.maximum(0.0, 4.0 - steepness * np.abs(time - 0.04)) / unit
+    rest = np.zeros(400)
+    known = {n: f for n, _, _, f in law_forces(rest, rest, time, contact, unit)}
+    for most in (1.0, 3.0, 10.0):
+        pull = known[f'a contact that pulls by {most:g} N before it lets go']
+        assert -most <= np.min(pull) < -0.8 * most
+        end = 0.04 + 4.0 / steepness
+        assert step * -np.sum(pull) == pytest.approx(0.5 * most**2 / steepness)
+        beside = (time < end - step) | (time > end + most / steepness + step)
+        assert not np.any(pull[beside])
 
 
 def test_noise_is_like_no_law(sound):

@@ -22,7 +22,16 @@ from impactscope.discrepancy.patience import lasts
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['Fit', 'at_point', 'exact_slopes', 'fit', 'jacobian', 'projector', 'settled']
+__all__ = [
+    'Fit',
+    'at_point',
+    'exact_slope',
+    'exact_slopes',
+    'fit',
+    'jacobian',
+    'projector',
+    'settled',
+]
 
 Array = NDArray[np.float64]
 
@@ -134,28 +143,36 @@ def exact_slopes(found: Fit) -> Array:
     parted well. So every residual has the weighted median of its changes by steps of several
     lengths to both sides: what jumps on one side, or in the longest steps alone, is outvoted.
     """
-    model, layout, x = found.model, found.layout, found.x
-    lower, upper = model.bounds()
     result = found.jacobian.copy()
     norms = np.linalg.norm(result, axis=0)
+    wanted = [j for j in range(found.x.size) if norms[j] > 0.0]
 
     def column(j: int) -> Array | None:
-        ways, lengths = [], []
-        for felt in _FELT_BY:
-            step = min(felt / norms[j], _STEP * model.free[j].scale)
-            for way in (step, -step):
-                if not lower[j] <= x[j] + way <= upper[j]:
-                    continue
-                with contextlib.suppress(ImpactscopeError):
-                    ways.append(_change(model, layout, x, found.residuals, j, way))
-                    lengths.append(step)
-        return _weighted_median(np.stack(ways), np.array(lengths)) if ways else None
+        return exact_slope(found, j, float(norms[j]))
 
-    wanted = [j for j in range(x.size) if norms[j] > 0.0]
     for j, changed in zip(wanted, side_by_side(column, wanted), strict=True):
         if changed is not None:
             result[:, j] = changed
     return result
+
+
+def exact_slope(found: Fit, j: int, norm: float) -> Array | None:
+    """One column of :func:`exact_slopes`; None where no step to either side can be simulated.
+
+    ``norm``: about that of the column, above zero; it gives the lengths of the steps.
+    """
+    model, layout, x = found.model, found.layout, found.x
+    lower, upper = (bounds[j] for bounds in model.bounds())
+    ways, lengths = [], []
+    for felt in _FELT_BY:
+        step = min(felt / norm, _STEP * model.free[j].scale)
+        for way in (step, -step):
+            if not lower <= x[j] + way <= upper:
+                continue
+            with contextlib.suppress(ImpactscopeError):
+                ways.append(_change(model, layout, x, found.residuals, j, way))
+                lengths.append(step)
+    return _weighted_median(np.stack(ways), np.array(lengths)) if ways else None
 
 
 def _weighted_median(rows: Array, weights: Array) -> Array:

@@ -133,7 +133,6 @@ class JointFits:
         seen: dict[str, int] = {}
         strong = current.reduced > QUIET
         spread = max(1.0, current.reduced)
-        top = trials[0].gain if trials else 0.0
         kin: set[str] = set()
         for trial in trials:
             candidate = trial.candidate
@@ -144,6 +143,8 @@ class JointFits:
             if trial.gain < 0.6 * least * spread:
                 continue
             related = candidate.name in kin
+            # what a fit has not borne out holds no other back
+            top = max((f.gain for f in found), default=trial.gain)
             weak = not strong and trial.gain < top - max(20.0, 0.4 * top)
             if (weak or len(found) >= (most or _JOINT)) and not related:
                 continue

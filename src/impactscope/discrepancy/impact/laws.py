@@ -40,6 +40,7 @@ _MEMORIES = (1e-3, 3e-3, 1e-2, 3e-2, 0.1)  # s
 _ORDERS = (0.25, 0.5, 0.75)  # of fractional derivatives
 _RESONANCES = (12.0, 20.0, 45.0, 70.0, 110.0, 180.0, 300.0, 450.0)  # Hz, of a mass on the plate
 _RESONANT_DAMPING = 0.05  # ratio
+_PULLS = (0.3, 1.0, 3.0, 10.0)  # N, before a contact lets go
 GROUPS = {  # a law of its kind, whatever its course: few numbers, and the picture of no formula
     'an odd force of the speed': 'damping with speed to the power',
     'an even force of the speed': 'a push with speed to the power',
@@ -123,7 +124,8 @@ def _of_blow(fit: Fit, bench: ImpactModel, i: int) -> Iterator[tuple[str, str, A
 
     contact = np.interp(grid, moments, plain[:, at.CONTACT_FORCE])
     contact[before] = 0.0
-    for label, number, in_spring, force in law_forces(x, v, grid + start, contact / largest):
+    forces = law_forces(x, v, grid + start, contact / largest, largest)
+    for label, number, in_spring, force in forces:
         top = float(np.max(np.abs(force)))
         if not top > 0.0:
             continue
@@ -148,13 +150,13 @@ def _moved(par: Array, force: Array, moments: Array) -> Array:
 
 
 def law_forces(
-    x: Array, v: Array, time: Array, contact: Array | None = None
+    x: Array, v: Array, time: Array, contact: Array | None = None, unit: float = 100.0
 ) -> Iterator[tuple[str, str, bool, Array]]:
     """Forces along a motion: label, key of the number, whether the spring carries it, values.
 
     ``x`` and ``v``: displacement, m, and speed, m/s, of the plate over ``time``, s; shape (n,).
     Times are even and begin at first contact. ``contact``: force between impactor and plate, in
-    any unit; None: of no blow.
+    units of ``unit`` N; None: of no blow.
     A key with ``@`` is a number of its own for each recording. Forces are in arbitrary units,
     the same for all recordings.
     """
@@ -176,6 +178,9 @@ def law_forces(
         loading = np.gradient(contact) > 0.0
         yield 'a force with the contact force while it rises', '', False, contact * loading
         yield 'a force with the square of the contact force', '', False, contact**2
+        for most in _PULLS:
+            label = f'a contact that pulls by {most:g} N before it lets go'
+            yield label, '', False, _pulled(unit * contact, most)
     for power in (0.5, 1.0, 2.0):
         yield 'friction that changes with the displacement', '', False, s * np.abs(r) ** power
         label = f'damping that changes with the displacement to the power {power:g}'
@@ -217,6 +222,27 @@ def law_forces(
     yield 'stiffness that differs between recordings', '@', True, r
     yield 'damping that differs between recordings', '@', False, w
     yield 'friction that differs between recordings', '@', False, s
+
+
+def _pulled(contact: Array, most: float) -> Array:
+    """Force on the plate, N, of a contact that lets go only where it pulls by ``most`` N.
+
+    Where ``contact``, N, ends, it goes on falling as steeply as it did, below zero.
+    """
+    edges = _STEP * (np.arange(contact.size + 1) - 0.5)
+    pull: Array = np.zeros(contact.size)
+    ends: list[int] = np.flatnonzero((contact[:-1] > 0.0) & (contact[1:] <= 0.0)).tolist()
+    for last in ends:
+        first = max(last - 2, 0)
+        fallen = float(contact[first] - contact[last])
+        steepness = fallen / (_STEP * max(last - first, 1))
+        if not steepness > 0.0:
+            continue
+        # most of it is over within a few steps: means over each of them
+        since = edges - (_STEP * last + contact[last] / steepness)
+        impulse = 0.5 * steepness * np.clip(since, 0.0, most / steepness) ** 2
+        pull -= np.diff(impulse) / _STEP
+    return pull
 
 
 def _carried(displacement: Array, frequency: float) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.impact.candidate import Candidate, stronger
-from impactscope.discrepancy.impact.fit import Fit, jacobian, projector
+from impactscope.discrepancy.impact.fit import Fit, at_point, exact_slope, jacobian, projector
 from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
@@ -28,6 +28,7 @@ _FAINT = 0.2  # of that norm: weaker ones tell less
 _NEAR = 1.15  # reduced chi-square up to which strong effects are out of the question
 _STARTS = 3  # of a candidate that are refined
 _MANY = 8  # starts of a candidate that are tried again in a longer window
+_STRONGEST = 30.0  # times the strength of a start, beyond which nothing is linear
 _TOLD = 0.1  # s after the onset, from which a window tells them apart
 
 
@@ -90,6 +91,9 @@ class Workbench:
         """The best of a candidate's starts, each simulated, the best first."""
         if candidate.free and candidate.free[0].key in self.keys:
             return [self._released(candidate)]
+        if self.remembered is not None and _is_stated(candidate):
+            freed = self._freed(candidate)
+            return [] if freed is None else [freed]
         place = candidate.label, *self.keys
         known = self.remembered.ahead.get(place) if self.remembered is not None else None
         tried = []
@@ -163,7 +167,7 @@ class Workbench:
         if factor < 0.0 and self._one_sided(candidate, start):
             gain, linear, x = min(gain, 0.0), -math.inf, self.vector(model, start)
         else:
-            factor = float(np.clip(factor, -30.0, 30.0))
+            factor = float(np.clip(factor, -_STRONGEST, _STRONGEST))
             x = self.vector(model, stronger(candidate, start, factor))
         return Trial(
             candidate,
@@ -237,6 +241,46 @@ class Workbench:
         lower, upper = model.bounds()
         return Trial(candidate, gain, model, np.clip(x, lower, upper))
 
+    def _freed(self, candidate: Candidate) -> Trial | None:
+        """A stated number set free: by its slope where it stands.
+
+        A length enters masses, speeds and moments of every blow, which the fitted numbers re-tune
+        but for a small part. That part drowns in the curvature of the rest, and in the contacts
+        that go to the other side, for any step that is long enough to be felt by itself.
+        """
+        (number,) = candidate.free
+        stated = candidate.amplitudes[number.key]
+        model = candidate.extend(self.current.model)
+        x = self.vector(model, {number.key: stated})
+        layout, j = self.current.layout, model.index(number.key)
+        try:
+            here = at_point(model, layout, x)
+            norm = float(np.linalg.norm(jacobian(model, x, layout, here.residuals, [j])[:, j]))
+            column = exact_slope(here, j, norm) if norm > 0.0 else None
+        except ImpactscopeError:
+            return None
+        if column is None:
+            return None
+        slope = self._out(self._aligned(model, column))
+        size, match = float(slope @ slope), -float(slope @ self.residual)
+        if not size > 0.0:
+            return None
+        start = candidate.starts[0]
+        step = number.to_inner(start[number.key]) - x[j]
+        lower, upper = (bounds[j] - x[j] for bounds in model.bounds())
+        most = _STRONGEST * abs(step)
+        move = float(np.clip(match / size, max(lower, -most), min(upper, most)))
+        x[j] += move
+        return Trial(
+            candidate,
+            move * (2.0 * match - move * size),
+            model,
+            x,
+            step * slope,
+            dict(start),
+            self._one_sided(candidate, start),
+        )
+
     def best_refined(self, trials: Sequence[Trial]) -> Trial:
         """The best of some trials of a candidate, their strength and other numbers adjusted."""
         return max((self.refined(self.scaled(t)) for t in trials), key=lambda t: t.gain)
@@ -280,3 +324,11 @@ class Workbench:
             return trial
         gain = self.power - cost
         return Trial(trial.candidate, gain, model, x) if gain >= trial.gain else trial
+
+
+def _is_stated(candidate: Candidate) -> bool:
+    """Whether a candidate only sets a number free that the model has, and leaves it as it is."""
+    if candidate.effects or candidate.constants or len(candidate.free) != 1:
+        return False
+    absent = candidate.amplitudes.get(candidate.free[0].key, math.inf)
+    return math.isfinite(absent) and candidate.name == 'wrong_parameter'

@@ -12,6 +12,9 @@ from impactscope.discrepancy.impact.model import ActiveEffect, Free, ImpactModel
 
 __all__ = ['wrong_numbers']
 
+_STATED = ('sensor.', 'damper.', 'pendulum.', 'mass_distance@', 'angle@')
+_STEEPEST = 89.0  # deg
+
 
 def wrong_numbers(model: ImpactModel) -> Iterator[Candidate]:
     """Stated numbers that may be wrong: constants set free, and priors let go."""
@@ -41,8 +44,9 @@ def wrong_numbers(model: ImpactModel) -> Iterator[Candidate]:
             recording=recording,
         )
     for key, value in model.constants.items():
-        stated = key.startswith(('sensor.', 'damper.', 'pendulum.', 'mass_distance@'))
+        stated = key.startswith(_STATED)
         place = key.startswith('mass_distance@')  # that may be nought
+        most = _STEEPEST if key.startswith('angle@') else value * 20
         if not stated or not (value > 0 or place):
             continue
         blow = int(key.split('@')[1]) if '@' in key else None
@@ -55,17 +59,36 @@ def wrong_numbers(model: ImpactModel) -> Iterator[Candidate]:
             free=(
                 Free(key, value, 0.005, 0.0, 0.6, blow=blow)
                 if place
-                else Free(key, value, 0.02, value / 20, value * 20, logarithmic=True, blow=blow),
+                else Free(key, value, 0.02, value / 20, most, logarithmic=True, blow=blow),
             ),
             starts=({key: value + 0.005 if place else 1.05 * value},),
             amplitudes={key: value},
             parameter=key,
             recording='' if blow is None else model.data.blows[blow].name,
         )
+    yield from _exact_gains(model)
     yield from _other_weight(model)
     swings = any(b.recording.kind == 'pendulum' for b in model.data.blows)
     if swings and 'pendulum.contact_distance' in values:
         yield from _other_orientation(model)
+
+
+def _exact_gains(model: ImpactModel) -> Iterator[Candidate]:
+    """Gains of channels that are stated to have no tolerance."""
+    known = {f.key for f in model.free}
+    for channel in model.data.channels:
+        key = f'gain.{channel}'
+        if key in known:
+            continue
+        yield Candidate(
+            label=f'wrong {key}',
+            name='wrong_parameter',
+            subsystem='parameter',
+            free=(Free(key, 1.0, 0.01, 0.2, 5.0),),
+            starts=({key: 1.05},),
+            amplitudes={key: 1.0},
+            parameter=key,
+        )
 
 
 def _other_weight(model: ImpactModel) -> Iterator[Candidate]:
