@@ -15,7 +15,9 @@ from impactscope.discrepancy.impact.cold_start import cold_starts
 from impactscope.discrepancy.impact.data import prepare
 from impactscope.discrepancy.impact.fit import at_point, fit
 from impactscope.discrepancy.impact.follow import (
+    _by_other_ways,
     _by_taps,
+    begun,
     fit_baseline,
     further_misfit,
     held_out_fit,
@@ -23,6 +25,7 @@ from impactscope.discrepancy.impact.follow import (
     with_repeatability,
 )
 from impactscope.discrepancy.impact.outcome import settled_without
+from impactscope.discrepancy.patience import patient
 from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import BareContact
 
@@ -69,6 +72,15 @@ def test_taps_hold_the_bench_while_a_bare_contact_is_met(make_campaign):
     assert found is not None
     assert found.reduced < 1.2
     assert found.values['contact.stiffness'] == pytest.approx(1e8, rel=0.1)
+
+
+def test_no_other_starts_are_tried_once_the_time_is_over(make_campaign):
+    contact = BareContact(1e8, restitution=0.7)
+    campaign = make_campaign(43, bare=contact, baseline=BARE, rate=5000.0)
+    short = begun(baseline_model(campaign, prepare(campaign)))
+    with patient(0.0) as patience:
+        assert _by_other_ways(short, short) is short
+    assert list(patience.left_out) == ['other starts of the baseline']
 
 
 def test_taps_that_miss_something_hold_nothing(make_campaign):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.impact import noise
 from impactscope.discrepancy.impact.data import _first_sight, _onset
 from impactscope.discrepancy.impact.noise import Colour, colour_of, whitener
 from impactscope.physics.twin.measurement import coloured_noise
@@ -59,6 +60,19 @@ def test_remembering_noise_is_seen_and_whitened(share: float) -> None:
     rows = np.stack(left)
     assert float(np.mean(rows**2)) == pytest.approx(1.0, abs=0.12)
     assert abs(float(np.mean(rows[:, 1:] * rows[:, :-1]))) < 0.05
+
+
+def test_lines_that_tell_the_same_are_taken_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(61)
+    quiet = [rng.standard_normal(6000) + 0.7 * remembering(0.96, 6000, rng) for _ in range(5)]
+    found = colour_of(quiet, RATE)
+    monkeypatch.setattr(noise, '_LINES', 10**6)  # each line on its own
+    whole = colour_of(quiet, RATE)
+    assert found is not None
+    assert whole is not None
+    assert found.white == pytest.approx(whole.white, rel=1e-3)
+    np.testing.assert_allclose(found.times, whole.times)
+    np.testing.assert_allclose(found.variances, whole.variances, atol=2e-3)
 
 
 def test_slow_noise_does_not_pass_for_a_drift() -> None:

@@ -63,7 +63,9 @@ def test_a_bench_that_only_rings_is_read_in_longer_bins():
     fine = binned(force, (ONSET, 2.0, 4.0), 0.2, None, coarse=False)
     longer = binned(force, (ONSET, 2.0, 4.0), 0.2, None, coarse=False, ringing=RETURN)
     late = longer.centres > ONSET + RETURN + 2e-3
-    assert set(longer.counts[late][:-1]) <= {2, 8}  # 1 ms, or 4 ms where it is still
+    # 1 ms, or 4 ms where it is still, and what is left up to a multiple of these
+    assert set(longer.counts[late][:-1]) <= {2, 4, 6, 8}
+    assert np.count_nonzero(np.isin(longer.counts[late], (4, 6))) <= 2
     assert longer.means.size < fine.means.size
     early = fine.centres < ONSET + RETURN - 2e-3
     np.testing.assert_array_equal(fine.means[early], longer.means[: np.count_nonzero(early)])

@@ -8,9 +8,11 @@ samples and for cubics. Around the first contact every sample counts on its own.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -18,12 +20,13 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.evidence import quantisation_step
 from impactscope.discrepancy.impact.noise import Colour
 
-__all__ = ['BinnedChannel', 'binned', 'coarse_step']
+__all__ = ['BinnedChannel', 'binned', 'coarse_step', 'merged']
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_FINE_UNTIL = 0.025  # s after the onset in which every sample counts
+_FINE_UNTIL = 0.025  # s after the onset in which contacts are followed
+_FINE_BIN = 5e-5  # s, there
 _LATE = 0.3  # s after the onset from which a bench may be still
 _STILL = 0.02  # s over which it is
 _LONG_BIN = 4e-3  # s, where nothing changes
@@ -105,7 +108,7 @@ def binned(
     size[(since > _LATE) & _still(samples, sigma, round(_STILL * rate))] = max(
         1, round(_LONG_BIN * rate)
     )
-    size[(since >= -5e-3) & (since < _FINE_UNTIL)] = 1
+    size[(since >= -5e-3) & (since < _FINE_UNTIL)] = max(1, round(_FINE_BIN * rate))
     size[_quick(samples, sigma, round(1.5e-3 * rate))] = 1
     edges = _edges(size)
     counts = np.diff(np.append(edges, samples.size))
@@ -121,7 +124,7 @@ def binned(
     variance = variance + (_RELATIVE_FLOOR * means) ** 2 + (_TIME_FLOOR * slope) ** 2
     used = np.isfinite(means)
     if channel.name == 'acceleration.impactor':
-        used &= centres > onset + 0.5 / rate
+        used &= time[edges] > onset + 0.5 / rate
     if math.isfinite(clip):
         hit = np.abs(samples) >= clip * (1 - 1e-6)
         used &= np.add.reduceat(hit.astype(np.int64), edges) == 0
@@ -147,6 +150,21 @@ def binned(
         clipped_at=clip,
         colour=colour,
     )
+
+
+def merged(moments: Mapping[str, Array]) -> tuple[Array, dict[str, IntArray]]:
+    """All moments, rising, each once; and for every channel which of them are its own.
+
+    ``moments``: of each channel, rising.
+    """
+    flat = np.concatenate(list(moments.values()))
+    order = np.argsort(flat, kind='stable')  # quick where runs are in order already
+    ranked = flat[order]
+    new = np.diff(ranked, prepend=-math.inf) > 0.0
+    place = np.empty(flat.size, dtype=np.int64)
+    place[order] = np.cumsum(new) - 1
+    ends = np.cumsum([m.size for m in moments.values()])
+    return ranked[new], dict(zip(moments, np.split(place, ends[:-1]), strict=True))
 
 
 def coarse_step(channel: ChannelSamples, onset: float) -> float:
@@ -219,17 +237,24 @@ def _still(samples: Array, sigma: float, width: int) -> NDArray[np.bool_]:
 
 def _edges(size: IntArray) -> IntArray:
     """First sample of each bin where ``size`` is the wanted length of the bin at each sample."""
-    edges = []
+    return np.flatnonzero(_begins(size))
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _begins(size: IntArray) -> NDArray[np.bool_]:
+    """Whether a bin begins at each sample; it does not reach where shorter ones are wanted.
+
+    Bins end at multiples of their length, so that those of several channels are the same.
+    """
+    begins = np.zeros(size.size, dtype=np.bool_)
     i = 0
     while i < size.size:
-        edges.append(i)
-        length = int(size[i])
-        if length > 1:  # a bin does not reach into a stretch that wants shorter ones
-            shorter = np.nonzero(size[i : i + length] < length)[0]
-            if shorter.size:
-                length = int(shorter[0])
-        i += length
-    return np.asarray(edges, dtype=np.int64)
+        begins[i] = True
+        length, reached = size[i] - i % size[i], 1
+        while reached < length and i + reached < size.size and size[i + reached] >= length:
+            reached += 1
+        i += reached
+    return begins
 
 
 def _round(size: Array, peak: float, step: float) -> bool:

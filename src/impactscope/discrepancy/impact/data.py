@@ -18,7 +18,7 @@ from scipy import integrate, ndimage
 
 from impactscope.discrepancy.campaign import Campaign, CampaignRecording, ChannelSamples, Role
 from impactscope.discrepancy.evidence import noise_std
-from impactscope.discrepancy.impact.bins import BinnedChannel, binned, coarse_step
+from impactscope.discrepancy.impact.bins import BinnedChannel, binned, coarse_step, merged
 from impactscope.discrepancy.impact.noise import Colour, colour_of
 from impactscope.errors import InputError
 from impactscope.physics.pendulum import Orientation
@@ -353,7 +353,7 @@ def _blow(
             )
             for name, c in channels.items()
         }
-    times, where = _moments(channels)
+    times, where = merged({name: c.nodes for name, c in channels.items()})
     return BlowData(recording, onset, channels, times, where, settled)
 
 
@@ -458,14 +458,3 @@ def _left_alone(plate: BinnedChannel, since: Array, a: Array, v: Array, x: Array
         if float(np.max(np.abs(left))) < _OF_NOISE * plate.noise:
             return float(1.2 * begin + 1e-3)
     return math.inf
-
-
-def _moments(channels: Mapping[str, BinnedChannel]) -> tuple[Array, dict[str, IntArray]]:
-    every = [c.nodes for c in channels.values()]
-    times, inverse = np.unique(np.concatenate(every), return_inverse=True)
-    where, begin = {}, 0
-    for name, channel in channels.items():
-        size = channel.nodes.size
-        where[name] = inverse[begin : begin + size].astype(np.int64)
-        begin += size
-    return times, where

@@ -18,6 +18,7 @@ from scipy import ndimage
 from impactscope.discrepancy.impact.cold_start import SHORT, cold_starts, met, placed
 from impactscope.discrepancy.impact.fit import Fit, fit, jacobian, projector
 from impactscope.discrepancy.impact.model import ImpactModel
+from impactscope.discrepancy.patience import lasts
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.twin.simulate import SimulationError
@@ -150,6 +151,8 @@ def _by_other_ways(short: Fit, found: Fit) -> Fit:
     lower, upper = short.model.bounds()
     rng = np.random.default_rng(0)
     for _ in range(_WAYS):
+        if not lasts('other starts of the baseline'):
+            break
         step = _FAR * (reach @ rng.standard_normal(power.size))
         both = [np.clip(x, lower, upper) for x in (short.x + step, short.x - step)]
         for other in side_by_side(lambda x: _followed_from(short, x), both):

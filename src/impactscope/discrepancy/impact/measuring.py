@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from impactscope.discrepancy.impact.bins import BinnedChannel
+from impactscope.discrepancy.impact.bins import BinnedChannel, merged
 from impactscope.discrepancy.impact.data import BlowData
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import mechanism
@@ -32,7 +32,8 @@ HIGHEST = 0.49
 LOWEST_AHEAD = 0.15
 """Of the sampling rate, from which a filter that acts before sampling differs from that."""
 
-_FINE = 8  # moments for each sample, where a filter acts before sampling
+_FINE = 8  # moments for each sample at most, where a filter acts before sampling
+_FINEST = 8e4  # moments in a second, that are enough
 _LINES = 200  # of an arc, that are summed
 _KINK_TIME = 1.5e-5  # s around a reversal in which a sample may fall on either side of its jump
 
@@ -54,13 +55,7 @@ def moments_of(
             if kind == 'clock_error':
                 moments = (moments - numbers['offset']) / (1.0 + numbers['drift'])
         wanted[name] = moments
-    flat = np.concatenate(list(wanted.values()))
-    times, inverse = np.unique(flat, return_inverse=True)
-    where, begin = {}, 0
-    for name, moments in wanted.items():
-        where[name] = inverse[begin : begin + moments.size]
-        begin += moments.size
-    return times, where
+    return merged(wanted)
 
 
 def sample_moments(channel: BinnedChannel, fine: int) -> Array:
@@ -77,7 +72,7 @@ def fineness(effects: Sequence[tuple[str, Mapping[str, float]]], channel: Binned
         kind == 'low_pass_filter' and _acts_ahead(numbers, channel.sample_rate)
         for kind, numbers in effects
     )
-    return _FINE if ahead else 1
+    return min(_FINE, math.ceil(_FINEST / channel.sample_rate)) if ahead else 1
 
 
 def _acts_ahead(numbers: Mapping[str, float], rate: float) -> bool:

@@ -36,6 +36,7 @@ _APART = 2.0  # ratio of the times in which parts forget
 _LEVELS = 4  # stretches from which their levels tell slow noise
 _SCATTERED = 0.03  # chance from which they do
 _MATTERS = 1e-3  # of the variance, of a part
+_LINES = 256  # of a spectrum that count on their own; beyond, to a factor of e
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +102,7 @@ def colour_of(
     lives = 0.5 * np.power(_APART, np.arange(count, dtype=np.float64))  # in samples
     first = _FIRST_BENT if bent else _FIRST
     keep = np.exp(-1.0 / lives)
-    power, design = [], []
+    power, design, lines = [], [], []
     for stretch in quiet:
         n = stretch.size
         since = np.linspace(-1.0, 1.0, n)
@@ -117,10 +118,13 @@ def colour_of(
         folded[:, :n] = lags * overlap
         folded[:, n + 1 :] = folded[:, 1:n][:, ::-1]
         expected = np.fft.rfft(folded, axis=1).real[:, ::2][:, : spectrum.size]
-        power.append(spectrum[used])
-        design.append(np.vstack([np.ones(spectrum.size), np.maximum(expected, 0.0)])[:, used])
-    y, a = np.concatenate(power), np.concatenate(design, axis=1)
-    level = float(np.mean(y))
+        bands, width = _bands(used)
+        power.append(np.add.reduceat(spectrum[used], bands) / width)
+        shapes = np.vstack([np.ones(spectrum.size), np.maximum(expected, 0.0)])[:, used]
+        design.append(np.add.reduceat(shapes, bands, axis=1) / width)
+        lines.append(width)
+    y, a, w = np.concatenate(power), np.concatenate(design, axis=1), np.concatenate(lines)
+    level = float(np.average(y, weights=w))
     if not level > 0.0:
         return None
     variances = np.full(count + 1, 0.5 * level / count)
@@ -129,9 +133,9 @@ def colour_of(
     share = 2.0 / 3.0
     for _ in range(_STEPS):
         model = variances @ a
-        variances *= np.sqrt((a @ (y / model**2)) / (a @ (1.0 / model)))
+        variances *= np.sqrt((a @ (w * y / model**2)) / (a @ (w / model)))
     model = variances @ a
-    gain = 2.0 * share * float(np.sum(np.log(level / model) + y / level - y / model))
+    gain = 2.0 * share * float(w @ (np.log(level / model) + y / level - y / model))
     white = gain < _GAIN
     if white:
         variances = np.append(level, np.zeros(count))
@@ -193,6 +197,19 @@ def _without_mains(n: int, sample_rate: float, first: int) -> NDArray[np.bool_]:
             used &= np.abs(frequency - harmonic * mains) > width
     used[-1] = False
     return used if np.count_nonzero(used) > 8 else np.arange(frequency.size) >= first
+
+
+def _bands(used: NDArray[np.bool_]) -> tuple[IntArray, Array]:
+    """Where bands of a spectrum's used lines begin, and how many each has; shape (n_bands,).
+
+    Noise that forgets exponentially has no lines: high ones that lie within a part in ``_LINES``
+    of their frequency tell the same, and their mean as much as all of them.
+    """
+    place = np.flatnonzero(used)
+    octave = np.log(np.maximum(place, _LINES) / _LINES)
+    band = np.where(place < _LINES, place, _LINES + np.floor(octave * _LINES).astype(np.int64))
+    begin = np.flatnonzero(np.diff(band, prepend=-1))
+    return begin, np.diff(np.append(begin, place.size)).astype(np.float64)
 
 
 def whitener(colour: Colour, centres: Array, counts: IntArray, std: Array) -> Whitener:
