@@ -37,8 +37,8 @@ def plate():
     return channel('acceleration.plate', moved, 0.1)
 
 
-def seen(*channels):
-    return _first_sight({c.name: c for c in channels})
+def seen(*channels, let_go=False):
+    return _first_sight({c.name: c for c in channels}, let_go=let_go)
 
 
 def test_the_impactor_tells_the_contact_that_the_force_shows_late():
@@ -59,3 +59,19 @@ def test_an_impactor_that_moves_before_tells_nothing():
 def test_what_moves_an_impactor_long_before_the_force_is_no_contact():
     let_go = np.where((SINCE > -0.2) & (SINCE < -0.19), 100.0, 0.0)
     assert seen(force(), impactor(more=let_go)) == pytest.approx(CONTACT, abs=1e-3)
+
+
+@pytest.mark.parametrize('rest', [0.0, 9.8])
+def test_a_short_fall_is_no_contact(rest):
+    """1.6 mm of height take 18 ms; at rest an accelerometer may show the earth's, or none."""
+    falling = np.where((SINCE > -0.018) & (SINCE < 0.0), rest - 9.8, rest)
+    pushed = np.where(STRUCK, -120.0 * np.sin(np.pi * SINCE / 0.012), 0.0)
+    own = channel('acceleration.impactor', falling + pushed, 0.1)
+    assert seen(force(), own, let_go=True) == pytest.approx(CONTACT, abs=1.5e-3)
+    assert seen(own, let_go=True) == pytest.approx(CONTACT, abs=1.5e-3)
+
+
+def test_a_contact_softer_than_a_fall_is_seen_still():
+    pushed = np.where(STRUCK, -8.0 * np.sin(np.pi * SINCE / 0.012), 0.0)
+    own = channel('acceleration.impactor', pushed, 0.1)
+    assert seen(own, let_go=True) == pytest.approx(CONTACT, abs=1.5e-3)

@@ -40,7 +40,7 @@ def chain_candidates(kind: Mechanism, channel: str, scene: Scene) -> Iterator[Ca
         cutoffs = [f for f in (30.0, 100.0, 300.0, 1000.0, 3000.0) if f < 0.9 * HIGHEST * rate]
         for order, zero_phase in _FILTERS:
             yield _low_pass(channel, order, zero_phase, rate, cutoffs)
-        yield _low_pass_ahead(channel, _ORDER_AHEAD, rate, [share * rate for share in _AHEAD])
+        yield _low_pass_ahead(channel, _ORDER_AHEAD, 0, rate, [share * rate for share in _AHEAD])
     elif kind.name == 'mains_hum':
         free = [Free(f'{tag}.frequency', 50.0, 0.02, 10.0, 1000.0)]
         free += [
@@ -94,9 +94,11 @@ def _low_pass(
     )
 
 
-def _low_pass_ahead(channel: str, order: int, rate: float, cutoffs: Sequence[float]) -> Candidate:
+def _low_pass_ahead(
+    channel: str, order: int, zero_phase: int, rate: float, cutoffs: Sequence[float]
+) -> Candidate:
     """A filter that acts before samples are taken; its cut-off may be above half their rate."""
-    plain = _low_pass(channel, order, 0, rate, cutoffs)
+    plain = _low_pass(channel, order, zero_phase, rate, cutoffs)
     (number,) = plain.free
     lower, upper = LOWEST_AHEAD * rate, _FAR * rate
     number = dataclasses.replace(number, start=0.5 * rate, lower=lower, upper=upper)
@@ -151,9 +153,9 @@ def delays_like(
         other = _low_pass(channel, order, zero_phase, sample_rate, (start,))
         if other.label != candidate.label:
             yield other, min(start, 0.99 * highest)
-        if zero_phase or not LOWEST_AHEAD < start / sample_rate < _FAR:
+        if not LOWEST_AHEAD < start / sample_rate < _FAR:
             continue
-        ahead = _low_pass_ahead(channel, order, sample_rate, (start,))
+        ahead = _low_pass_ahead(channel, order, zero_phase, sample_rate, (start,))
         if ahead.label != candidate.label:
             yield ahead, start
 

@@ -21,7 +21,7 @@ from impactscope.discrepancy.evidence import noise_std
 from impactscope.discrepancy.impact.bins import BinnedChannel, binned, coarse_step, merged
 from impactscope.discrepancy.impact.noise import Colour, colour_of
 from impactscope.errors import InputError
-from impactscope.physics.pendulum import Orientation
+from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation
 
 __all__ = ['CHANNELS', 'BlowData', 'CampaignData', 'prepare']
 
@@ -46,6 +46,8 @@ _OF_NOISE = 5.0
 _LATER = 0.02  # s, by which a force may show a contact later than the impactor
 _LEAST_BEFORE = 16  # samples of the impactor before that
 _TOLD = 4  # notes in an error
+_LET_GO = ('pendulum', 'drop')  # kinds of blows
+_RELEASED = 1.25  # times the earth's acceleration, which a release shows
 _TELLING = 64  # samples before the onset that tell how large the noise is
 _STRETCHES = 16  # of a recording, the quietest of which tells it where there are no such samples
 _LARGER = 1.3  # times what differences tell
@@ -128,7 +130,7 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
         if not known:
             notes.append(f'{recording.file}: none of its channels can be used; it is left out.')
             continue
-        onset = _first_sight(recording.channels)
+        onset = _first_sight(recording.channels, let_go=recording.kind in _LET_GO)
         if onset is None:
             notes.append(
                 f'{recording.file}: no blow can be found, for no channel leaves the level of '
@@ -173,28 +175,35 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
 # --- onset and noise -------------------------------------------------------------------------
 
 
-def _first_sight(channels: Mapping[str, ChannelSamples]) -> float | None:
+def _first_sight(channels: Mapping[str, ChannelSamples], *, let_go: bool = False) -> float | None:
     """Moment at which a blow is first seen, s.
 
     A base moves by less and later than what stands on it, and where it does not move at all slow
     noise may look like a blow: it is asked where the others say nothing. An impactor that swings
     is asked where there is nothing else, and for the contact that a force shows milliseconds late:
-    a heavy plate has to move before its spring is loaded.
+    a heavy plate has to move before its spring is loaded. Where the impactor is ``let_go`` its
+    accelerometer changes by the earth's once, and that is no contact.
     """
+    least = _RELEASED * STANDARD_GRAVITY if let_go else 0.0
     for names in (CHANNELS[:2], CHANNELS[3:]):
         found = _onset([channels[c] for c in names if c in channels])
         if found is not None:
             impactor = channels.get('acceleration.impactor')
             if impactor is None or 'acceleration.plate' in channels:
                 return found
-            return _touched(impactor, found)
+            return _touched(impactor, found, least)
     if any(c in channels for c in CHANNELS if c != 'acceleration.impactor'):
         return None
-    return _onset([channels['acceleration.impactor']])
+    alone = [channels['acceleration.impactor']]
+    found = _onset(alone, least)
+    return _onset(alone) if found is None else found
 
 
-def _touched(channel: ChannelSamples, seen: float) -> float:
-    """Moment at which an impactor meets what the force shows at ``seen``, s; never later."""
+def _touched(channel: ChannelSamples, seen: float, least: float = 0.0) -> float:
+    """Moment at which an impactor meets what the force shows at ``seen``, s; never later.
+
+    ``least``: change of its acceleration, m/s^2, up to which it may only have been let go.
+    """
     since = channel.time - seen
     before = (since > -3.0 * _LATER) & (since < -_LATER) & np.isfinite(channel.values)
     near = (since >= -_LATER) & (since <= 0.0)
@@ -204,21 +213,24 @@ def _touched(channel: ChannelSamples, seen: float) -> float:
     level = float(np.median(quiet))
     size = np.abs(np.nan_to_num(channel.values[near] - level))
     own = float(np.max(np.abs(quiet - level)))
-    threshold = max(0.05 * float(np.max(size)), 8.0 * noise_std(quiet), 1.5 * own)
+    threshold = max(0.05 * float(np.max(size)), 8.0 * noise_std(quiet), 1.5 * own, least)
     if not np.any(size > threshold):
         return seen
     first = int(np.argmax(size > threshold))
     return min(seen, float(channel.time[near][first]) - 0.5 / channel.sample_rate)
 
 
-def _onset(channels: Sequence[ChannelSamples]) -> float | None:
-    """Moment at which the first channel leaves its level before the blow, s."""
-    found = [first for channel in channels if (first := _leaves(channel)) is not None]
+def _onset(channels: Sequence[ChannelSamples], least: float = 0.0) -> float | None:
+    """Moment at which the first channel leaves its level before the blow by ``least``, s."""
+    found = [first for channel in channels if (first := _leaves(channel, least)) is not None]
     return min(found) if found else None
 
 
-def _leaves(channel: ChannelSamples) -> float | None:
-    """Moment at which a channel leaves its level; None where it shows no more than noise."""
+def _leaves(channel: ChannelSamples, least: float = 0.0) -> float | None:
+    """Moment at which a channel leaves its level; None where it shows no more than noise.
+
+    ``least``: distance from the level that counts at least.
+    """
     values = channel.values
     finite = np.isfinite(values)
     if np.count_nonzero(finite) < 32:
@@ -230,7 +242,7 @@ def _leaves(channel: ChannelSamples) -> float | None:
     before = float(np.nanmax(np.abs(values[:lead] - level)))
     sigma = noise_std(values)
     while True:
-        threshold = max(0.05 * peak, 8.0 * sigma, 1.5 * before)
+        threshold = max(0.05 * peak, 8.0 * sigma, 1.5 * before, least)
         if peak <= threshold or peak < 12.0 * sigma:
             return None
         first = int(np.argmax(size > threshold))

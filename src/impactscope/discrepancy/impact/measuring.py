@@ -122,13 +122,21 @@ def _low_pass(samples: Array, rate: float, numbers: Mapping[str, float]) -> Arra
 
 
 def _ahead(course: Array, rate: float, numbers: Mapping[str, float]) -> Array:
-    """What an analogue low-pass makes of a course that is smooth but for a few corners.
+    """What a low-pass before the converter makes of a course that is smooth but for a few corners.
 
     The filter's response is that to straight lines between the moments. A curved course lies
-    beside them by arcs; what the filter passes of these is taken off first.
+    beside them by arcs; what the filter passes of these is taken off first. One without a phase
+    ran forwards and backwards over samples that were thinned out afterwards.
     """
     if course.size < 3:
         return course
+    forwards = _one_way(course, rate, numbers)
+    if numbers['zero_phase'] <= 0.5:
+        return forwards
+    return _one_way(forwards[::-1], rate, numbers)[::-1]
+
+
+def _one_way(course: Array, rate: float, numbers: Mapping[str, float]) -> Array:
     sections, rest, arcs = _analogue(round(numbers['order']), numbers['cutoff'] / rate)
     straight = course.copy()
     straight[1:-1] -= arcs * np.diff(course, 2)
