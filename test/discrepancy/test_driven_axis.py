@@ -32,6 +32,7 @@ def course(seconds, amplitude, rng):
 
 NO_SPRING = (0.0, 0.0, 0.0, np.inf)  # linear, cubic, of a stop, its travel
 NO_BASE = (np.inf, 0.0, 0.0)  # mass, stiffness, damping
+EVEN = (0.0, 1.0)  # force of a cogging, and its period
 
 
 @njit
@@ -43,10 +44,11 @@ def pulled_back(x, spring):
 
 
 @njit
-def axis(reference, friction, load, spring, base):
+def axis(reference, friction, load, spring, base, cogging):
     """Encoder positions and commanded forces; exact sliding at small steps, friction implicit.
 
-    ``spring``: see ``pulled_back``; ``base``: on which drive and guide stand.
+    ``spring``: see ``pulled_back``; ``base``: on which drive and guide stand; ``cogging``: force
+    and period along the position.
     """
     step = 1.0 / (RATE * FINE)
     keep = np.exp(-step * DAMPING / MASS)
@@ -66,6 +68,7 @@ def axis(reference, friction, load, spring, base):
         forces[i] = force
         for _ in range(FINE):
             pull = force - load - pulled_back(x, spring)
+            pull -= cogging[0] * np.sin(2.0 * np.pi * x / cogging[1] + 0.7)
             if under < np.inf:
                 beside = -(pull - DAMPING * v + stiffness * sway + damping * sway_speed) / under
                 pull -= MASS * beside
@@ -91,13 +94,14 @@ def closed_loop(
     keep=0.97,
     smooth=0.0,
     shaky=0.0,
+    cogging=EVEN,
 ):
     rng = np.random.default_rng(seed)
     channels, entries = {}, []
     for i in range(3):
         file = f'r{i}.mcap'
         reference = course(4.0, 0.05, rng)
-        positions, forces = axis(reference, friction, load, spring, base)
+        positions, forces = axis(reference, friction, load, spring, base, cogging)
         positions = np.concatenate([np.full(late, positions[0]), positions])[: positions.size]
         if smooth:
             positions = signal.filtfilt(*signal.butter(1, smooth, fs=RATE), positions)
@@ -161,6 +165,13 @@ def test_dry_friction_of_an_axis():
     assert abs(force.value - 12.0) < 4.0 * force.std + 0.01
     floor = answer.fit.noise_floor['displacement.axis']
     assert answer.fit.extended.held_out_rmse['displacement.axis'] < 1.5 * floor
+
+
+def test_a_weak_cogging_is_no_slow_noise():
+    """The motion adds it up; what is left looks like noise that falls with the frequency."""
+    answer = explain_driven(closed_loop(6, cogging=(0.02, 9.3e-3)))
+    assert answer.accepted == ('unknown',)
+    assert 'a force that repeats every 0.0093' in answer.unexplained_description
 
 
 def test_a_force_that_is_measured_though_it_is_commanded():

@@ -17,7 +17,7 @@ from scipy import signal
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.noise_judge import innovations
-from impactscope.discrepancy.driven.strangers import Group
+from impactscope.discrepancy.driven.strangers import Group, Shaped
 
 __all__ = ['STATE', 'plate_laws']
 
@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 
 NEAR = 1e-12
 MODE_DAMPING = 0.03
+FEWEST, MOST = 2.0, 80.0  # periods in the range of motion, of a force that repeats
+APART = 0.5  # of a period in the range of motion, between those that are tried
+REPEATS = 'a force that repeats'
 
 
 class _Plate:
@@ -118,6 +121,8 @@ def plate_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
     )
     yield Group('a reading that is not straight', [p.output([y * y for y in p.outputs])])
     yield Group('a reading that is not straight', [p.output([y**3 for y in p.outputs])])
+    if made.values.get('stiffness', 0.0) == 0.0:  # else a position is hardly passed twice
+        yield from _repeating(p, xs)
     yield from _swinging(p, xs, times)
     yield from _memory(p, xs, vs)
     yield from _modes(p)
@@ -134,6 +139,26 @@ def _swinging(p: _Plate, xs: Sequence[Array], times: Sequence[Array]) -> Iterato
                 p.answer([x * wave(turn * t) for x, t in zip(xs, times, strict=True)])
                 for wave in (np.sin, np.cos)
             ],
+        )
+
+
+def _repeating(p: _Plate, xs: Sequence[Array]) -> Iterator[Group]:
+    """Forces that repeat with the position: cogging, an eccentric gear."""
+    span = float(np.ptp(np.concatenate(xs)))
+    unit = p.segments[0].unit if p.segments[0].derivative == 0 else 'units'
+    for turns in np.arange(FEWEST, MOST, APART).tolist():
+
+        def columns(shape: Array, begun: float = turns) -> list[Array]:
+            turn = 2.0 * math.pi * (begun + shape[0]) / span
+            return [p.answer([wave(turn * x) for x in xs]) for wave in (np.sin, np.cos)]
+
+        def law(shape: Array, begun: float = turns) -> str:
+            return f'{REPEATS} every {span / (begun + shape[0]):.4g} {unit} of the position'
+
+        yield Group(
+            f'{REPEATS} with the position',
+            columns(np.zeros(1)),
+            shaped=Shaped((0.0,), columns, law),
         )
 
 

@@ -19,7 +19,7 @@ _FILTERS = ((1, 0), (2, 0), (4, 0), (1, 1), (2, 1), (4, 1))  # order, zero phase
 _ALL_FILTERS = tuple((order, zero_phase) for zero_phase in (0, 1) for order in (1, 2, 3, 4))
 _ORDER_AHEAD = 2  # of a filter before sampling, tried at first
 _AHEAD = (0.25, 0.7, 2.0)  # of the sampling rate, its cut-offs to start from
-_FAR = 10.0  # of the sampling rate, above which a filter does nothing that is seen
+_FAR = 100.0  # of the sampling rate, above which a filter does nothing that is seen
 _ORDER_DOUBT = 2.0  # for each order of a filter: the lowest that explains as much stands
 _DELAYS = {1: 1.0, 2: 1.4142, 3: 2.0, 4: 2.6131}  # of a Butterworth filter, over 1 / (2 pi cutoff)
 
@@ -114,6 +114,9 @@ def _clock(channel: str, *, drifts: bool) -> Candidate:
     offset = Free(f'{tag}.offset', 0.0, 1e-5, -0.02, 0.02)
     drift = Free(f'{tag}.drift', 0.0, 1e-4, -0.01, 0.01)
     numbers = (offset, drift) if drifts else (offset,)
+    # a delay alone is as likely that of a filter, and likelier in one accelerometer of several:
+    # a device is late with all its channels
+    doubt = _ORDER_DOUBT if channel == 'force' else 2.0 * _ORDER_DOUBT
     return Candidate(
         label=f'{tag} {"and drift" if drifts else "offset"}',
         name=kind.name,
@@ -124,7 +127,7 @@ def _clock(channel: str, *, drifts: bool) -> Candidate:
         starts=({offset.key: 2e-5, drift.key: 1e-5},),
         amplitudes={f.key: 0.0 for f in numbers},
         channel=channel,
-        doubt=0.0 if drifts else _ORDER_DOUBT,  # a delay alone is as likely that of a filter
+        doubt=0.0 if drifts else doubt,
     )
 
 
@@ -147,6 +150,8 @@ def delays_like(
     if clock.label != candidate.label:
         yield clock, delay
     for order, zero_phase in _ALL_FILTERS:
+        if zero_phase and candidate.name == 'clock_error':
+            continue  # these are not late
         if not zero_phase and delay <= 0.0:
             continue
         start = cutoff if zero_phase else _DELAYS[order] / (2 * math.pi * delay)

@@ -32,8 +32,8 @@ HIGHEST = 0.49
 LOWEST_AHEAD = 0.15
 """Of the sampling rate, from which a filter that acts before sampling differs from that."""
 
-_FINE = 8  # moments for each sample at most, where a filter acts before sampling
-_FINEST = 8e4  # moments in a second, that are enough
+_FINE = 40  # moments for each sample at most, where a filter acts before sampling
+_FINEST = 4e4  # moments in a second, that are enough
 _LINES = 200  # of an arc, that are summed
 _KINK_TIME = 1.5e-5  # s around a reversal in which a sample may fall on either side of its jump
 
