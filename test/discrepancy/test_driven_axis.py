@@ -95,12 +95,13 @@ def closed_loop(
     smooth=0.0,
     shaky=0.0,
     cogging=EVEN,
+    farther=1.0,
 ):
     rng = np.random.default_rng(seed)
     channels, entries = {}, []
     for i in range(3):
         file = f'r{i}.mcap'
-        reference = course(4.0, 0.05, rng)
+        reference = course(4.0, 0.05 * (farther if i == 2 else 1.0), rng)
         positions, forces = axis(reference, friction, load, spring, base, cogging)
         positions = np.concatenate([np.full(late, positions[0]), positions])[: positions.size]
         if smooth:
@@ -225,6 +226,15 @@ def test_a_stop_on_each_side():
     assert answer.accepted == ('end_stop',)
     travel = answer.findings[0].parameters['travel']
     assert travel.value == pytest.approx(0.02, abs=4.0 * travel.std)
+
+
+@pytest.mark.parametrize('stiffness', [5.0, 30.0])
+def test_a_stop_that_is_just_reached_is_told_though_it_is_known_roughly(stiffness):
+    """A recording held out presses into it: what is missed there is no noise, nor unknown."""
+    campaign = closed_loop(8, spring=(0.0, 0.0, stiffness, 0.034), farther=1.3)
+    answer = explain_driven(campaign)
+    assert answer.accepted == ('end_stop',)
+    assert answer.fit.extended.held_out_reduced_chi_square > 100.0
 
 
 def test_a_base_that_the_drive_pushes_back():

@@ -170,9 +170,11 @@ def _whitened_by(segment: Segment, colour: Colour, size: int) -> Segment:
 
 
 def whitened_logarithm(case: Case) -> float:
-    """Logarithm of the determinant of the noise that is whitened by colour, all recordings."""
+    """Logarithm of the determinant of the noise that is whitened by colour, if fitted."""
     found = 0.0
     for s in case.segments:
+        if s.held_out:
+            continue
         whitener, slow = s.whitener, s.slow
         if isinstance(whitener, MovedNoise):
             slow = whitener.slow

@@ -365,13 +365,19 @@ def _searched(
 
 
 def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
-    """Minus twice the logarithm of the likelihood, with a price for all that was found."""
+    """Minus twice the logarithm of the likelihood, with a price for all that was found.
+
+    Of the fitted recordings: where one that was held out goes farther than these, the error of
+    what they tell roughly would pass for slow noise.
+    """
     alone = said.left and said.instead
     made = outcome.baseline if alone else outcome.best
-    left = math.fsum(case.judge.chi_squares(made))
+    pairs = zip(case.segments, case.judge.chi_squares(made), strict=True)
+    rows = [(chi, s.measured.size) for s, chi in pairs if not s.held_out]
+    left = math.fsum(chi for chi, _ in rows)
     whole = left + whitened_logarithm(case) + priced(made, outcome.baseline)
     if said.left:  # a law takes away no more than what is left beyond the noise
-        beyond = max(left - sum(s.measured.size for s in case.segments), 0.0)
+        beyond = max(left - sum(size for _, size in rows), 0.0)
         whole -= min(said.strongest.gain, beyond) - PRICE * said.strongest.numbers
     else:  # a level of its own in each recording is what slow noise has, at a price
         whole += (PRICE - OWN) * (made.own - outcome.baseline.own)
