@@ -45,8 +45,8 @@ def test_a_strength_of_the_wrong_sign_is_no_pair():
 
 def test_filters_of_one_delay_are_offered_for_a_late_clock():
     clock = Candidate('clock_error:force offset', 'clock_error', 'measurement', channel='force')
-    offered = list(delays_like(clock, {'clock_error:force.offset': 1e-3}, 10_000.0))
-    assert len(offered) == 8
+    offered = list(delays_like(clock, {'clock_error:force.offset': 1e-3}, 10_000.0, ('force',)))
+    assert len(offered) == 4  # none without a phase: these are not late
     assert {c.name for c, _ in offered} == {'low_pass_filter'}
     delays = {
         c.constants['low_pass_filter:force.order']: cutoff
@@ -55,18 +55,47 @@ def test_filters_of_one_delay_are_offered_for_a_late_clock():
     }
     assert delays[1] == pytest.approx(1 / (2 * np.pi * 1e-3))
     assert sorted(delays.values()) == [delays[order] for order in (1, 2, 3, 4)]
-    early = list(delays_like(clock, {'clock_error:force.offset': -1e-3}, 10_000.0))
+    early = list(delays_like(clock, {'clock_error:force.offset': -1e-3}, 10_000.0, ('force',)))
     assert all(c.constants['low_pass_filter:force.zero_phase'] for c, _ in early)
-    short = list(delays_like(clock, {'clock_error:force.offset': 4e-5}, 10_000.0))
+    short = list(delays_like(clock, {'clock_error:force.offset': 4e-5}, 10_000.0, ('force',)))
     ahead = [f for c, f in short if c.constants.get('low_pass_filter:force.ahead')]
     assert min(ahead) == pytest.approx(1 / (2 * np.pi * 4e-5))  # of first order
+
+
+def test_a_filter_without_a_phase_may_have_run_before_sampling():
+    constants = {'low_pass_filter:force.order': 1, 'low_pass_filter:force.zero_phase': 1}
+    found = Candidate('f', 'low_pass_filter', 'measurement', channel='force', constants=constants)
+    values = {'low_pass_filter:force.cutoff': 3000.0}
+    offered = [c for c, _ in delays_like(found, values, 10_000.0, ('force',))]
+    ahead = [c for c in offered if c.constants.get('low_pass_filter:force.ahead')]
+    assert {c.constants['low_pass_filter:force.zero_phase'] for c in ahead} == {0, 1}
+
+
+def test_one_accelerometer_of_several_is_hardly_late():
+    found = Candidate(
+        'f',
+        'low_pass_filter',
+        'measurement',
+        channel='acceleration.plate',
+        constants={
+            'low_pass_filter:acceleration.plate.order': 2,
+            'low_pass_filter:acceleration.plate.zero_phase': 0,
+        },
+    )
+    values = {'low_pass_filter:acceleration.plate.cutoff': 9e4}
+    alone, several = (
+        next(iter(delays_like(found, values, 10_000.0, ('force', *channels))))[0]
+        for channels in (('acceleration.plate',), ('acceleration.plate', 'acceleration.base'))
+    )
+    assert alone.name == several.name == 'clock_error'
+    assert several.doubt > alone.doubt
 
 
 def test_a_late_clock_is_offered_for_a_filter():
     constants = {'low_pass_filter:force.order': 2, 'low_pass_filter:force.zero_phase': 0}
     found = Candidate('f', 'low_pass_filter', 'measurement', channel='force', constants=constants)
     values = {'low_pass_filter:force.cutoff': 1000.0}
-    clock, delay = next(iter(delays_like(found, values, 10_000.0)))
+    clock, delay = next(iter(delays_like(found, values, 10_000.0, ('force',))))
     assert clock.name == 'clock_error'
     assert delay == pytest.approx(2**0.5 / (2 * np.pi * 1000.0), rel=1e-4)
 

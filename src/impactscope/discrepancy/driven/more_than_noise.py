@@ -87,9 +87,8 @@ def left_open(case: Case, made: Fit) -> bool:
     together = [dataclasses.replace(s, held_out=False) for s in case.segments]
     joint = fit(case.model, made.terms, together, made.values, made.starts, tolerance=FINE)
     rise = 0.0
-    pairs = zip(case.segments, case.judge.chi_squares(made), joint.residuals, strict=True)
-    for s, before, residual in pairs:
-        after = float(np.sum(innovations(s, residual) ** 2))
+    both = case.judge.chi_squares(made), case.judge.chi_squares(joint)
+    for s, before, after in zip(case.segments, *both, strict=True):
         if s.held_out:
             count = s.measured.size
             if after / count > 1.0 + LARGER + SURE * math.sqrt(2.0 / count):

@@ -121,8 +121,8 @@ def plate_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
     )
     yield Group('a reading that is not straight', [p.output([y * y for y in p.outputs])])
     yield Group('a reading that is not straight', [p.output([y**3 for y in p.outputs])])
-    if made.values.get('stiffness', 0.0) == 0.0:  # else a position is hardly passed twice
-        yield from _repeating(p, xs)
+    if made.values.get('stiffness', 0.0) == 0.0 and segments[0].derivative == 0:
+        yield from _repeating(p, xs)  # with a spring a place is hardly passed twice
     yield from _swinging(p, xs, times)
     yield from _memory(p, xs, vs)
     yield from _modes(p)
@@ -145,7 +145,9 @@ def _swinging(p: _Plate, xs: Sequence[Array], times: Sequence[Array]) -> Iterato
 def _repeating(p: _Plate, xs: Sequence[Array]) -> Iterator[Group]:
     """Forces that repeat with the position: cogging, an eccentric gear."""
     span = float(np.ptp(np.concatenate(xs)))
-    unit = p.segments[0].unit if p.segments[0].derivative == 0 else 'units'
+    if not span > 0.0:
+        return
+    unit = p.segments[0].unit
     for turns in np.arange(FEWEST, MOST, APART).tolist():
 
         def columns(shape: Array, begun: float = turns) -> list[Array]:

@@ -13,7 +13,7 @@ from impactscope.discrepancy.impact.scene import Scene
 from impactscope.physics.mechanisms.mechanism import Mechanism
 from impactscope.physics.mechanisms.registry import mechanism
 
-__all__ = ['chain_candidates', 'delays_like']
+__all__ = ['chain_candidates', 'delays_like', 'of_several']
 
 _FILTERS = ((1, 0), (2, 0), (4, 0), (1, 1), (2, 1), (4, 1))  # order, zero phase, tried at first
 _ALL_FILTERS = tuple((order, zero_phase) for zero_phase in (0, 1) for order in (1, 2, 3, 4))
@@ -68,8 +68,9 @@ def chain_candidates(kind: Mechanism, channel: str, scene: Scene) -> Iterator[Ca
             **common,  # type: ignore[arg-type]
         )
     elif kind.name == 'clock_error':
-        yield _clock(channel, drifts=False)
-        yield _clock(channel, drifts=True)
+        several = of_several(channel, scene.model.data.channels)
+        yield _clock(channel, drifts=False, of_several=several)
+        yield _clock(channel, drifts=True, of_several=several)
     else:
         yield from _plain_chain(kind, tag, noise, common)
 
@@ -108,7 +109,13 @@ def _low_pass_ahead(
     )
 
 
-def _clock(channel: str, *, drifts: bool) -> Candidate:
+def of_several(channel: str, channels: Sequence[str]) -> bool:
+    """Whether a channel is one of several accelerometers, which one device samples as a rule."""
+    others = [c for c in channels if c != channel and c.startswith('acceleration')]
+    return channel.startswith('acceleration') and bool(others)
+
+
+def _clock(channel: str, *, drifts: bool, of_several: bool) -> Candidate:
     active, kind = ActiveEffect('clock_error', channel), mechanism('clock_error')
     tag = active.tag
     offset = Free(f'{tag}.offset', 0.0, 1e-5, -0.02, 0.02)
@@ -116,7 +123,7 @@ def _clock(channel: str, *, drifts: bool) -> Candidate:
     numbers = (offset, drift) if drifts else (offset,)
     # a delay alone is as likely that of a filter, and likelier in one accelerometer of several:
     # a device is late with all its channels
-    doubt = _ORDER_DOUBT if channel == 'force' else 2.0 * _ORDER_DOUBT
+    doubt = 2.0 * _ORDER_DOUBT if of_several else _ORDER_DOUBT
     return Candidate(
         label=f'{tag} {"and drift" if drifts else "offset"}',
         name=kind.name,
@@ -132,7 +139,10 @@ def _clock(channel: str, *, drifts: bool) -> Candidate:
 
 
 def delays_like(
-    candidate: Candidate, values: Mapping[str, float], sample_rate: float
+    candidate: Candidate,
+    values: Mapping[str, float],
+    sample_rate: float,
+    channels: Sequence[str],
 ) -> Iterator[tuple[Candidate, float]]:
     """What a fitted low-pass, or a late clock, may be as well, with its first number to start.
 
@@ -146,11 +156,11 @@ def delays_like(
         cutoff = values[f'low_pass_filter:{channel}.cutoff']
         delay = _DELAYS[round(candidate.constants[f'low_pass_filter:{channel}.order'])]
         delay = delay / (2 * math.pi * cutoff)
-    clock = _clock(channel, drifts=False)
+    clock = _clock(channel, drifts=False, of_several=of_several(channel, channels))
     if clock.label != candidate.label:
         yield clock, delay
     for order, zero_phase in _ALL_FILTERS:
-        if zero_phase and candidate.name == 'clock_error':
+        if zero_phase and candidate.name == 'clock_error' and delay > 0.0:
             continue  # these are not late
         if not zero_phase and delay <= 0.0:
             continue

@@ -176,7 +176,9 @@ class JointFits:
             if channel in b.channels
         )
         found = []
-        for candidate, number in delays_like(like.candidate, values, rate):
+        for candidate, number in delays_like(
+            like.candidate, values, rate, current.model.data.channels
+        ):
             model = candidate.extend(current.model)
             known = {**values, candidate.free[0].key: number}
             x = np.array([f.to_inner(known[f.key]) for f in model.free])
