@@ -8,6 +8,7 @@ import pytest
 
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.candidate import contains
 from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.data import prepare
 from impactscope.discrepancy.impact.follow import fit_baseline
@@ -24,6 +25,30 @@ def test_friction_names_its_family_and_the_simplest_stands_first(make_campaign):
     others = {f.name: f for f in answer.ranking[1:]}
     assert 'coulomb_friction' in others['asymmetric_friction'].confused_with
     assert sum(f.probability for f in answer.ranking) <= 1.0 + 1e-9
+
+
+@pytest.mark.slow
+def test_a_law_that_contains_another_is_held_against_chance_not_against_all_samples(make_campaign):
+    higher = {'static_force': 1.0, 'kinetic_force': 0.976, 'speed': 0.02}
+    answer = explain(make_campaign(201, [Effect('stribeck_friction', higher)]))
+    assert answer.accepted == ('stribeck_friction',)
+    first = answer.ranking[0]
+    assert first.probability > 0.5
+    excess = first.evidence - next(
+        f.evidence for f in answer.ranking if f.name == 'coulomb_friction'
+    )
+    assert 11.0 < excess < 23.0  # what two numbers would have to gain by the criterion
+
+
+def test_which_friction_contains_which(make_campaign):
+    campaign = make_campaign(61, [])
+    baseline = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    listed = {c.label: c for c in candidates(baseline, ())}
+    plain = listed['coulomb_friction']
+    for name in ('asymmetric_friction', 'stribeck_friction'):
+        assert contains(listed[name], plain)
+        assert not contains(plain, listed[name])
+    assert not contains(listed['asymmetric_friction'], listed['stribeck_friction'])
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from impactscope.discrepancy.impact.model import ActiveEffect, Free, ImpactModel
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
-__all__ = ['Candidate', 'kin_of', 'stronger']
+__all__ = ['Candidate', 'contains', 'kin_of', 'stronger']
 
 _LIKE_A_NUMBER = {  # what acts as a wrong number of the baseline may
     'damper': ('rate_dependent_damper', 'stiffening_damper'),
@@ -56,6 +56,13 @@ def kin_of(candidate: Candidate) -> tuple[str, ...]:
     if candidate.name in all_mechanisms():
         return mechanism(candidate.name).kin
     return _LIKE_A_NUMBER.get(candidate.parameter.split('.', 1)[0], ())
+
+
+def contains(fuller: Candidate, plain: Candidate) -> bool:
+    """Whether one candidate is the other with further numbers, in the same place."""
+    if fuller.name not in all_mechanisms() or fuller.channel != plain.channel:
+        return False
+    return plain.name in mechanism(fuller.name).contains and fuller.cost > plain.cost
 
 
 def stronger(candidate: Candidate, start: Mapping[str, float], factor: float) -> dict[str, float]:

@@ -8,13 +8,19 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from impactscope.discrepancy.evidence import Thresholds, family_p_value
-from impactscope.discrepancy.impact.candidate import Candidate, kin_of
+from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
+from impactscope.discrepancy.impact.candidate import Candidate, contains, kin_of
 from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.model import ImpactModel
-from impactscope.discrepancy.impact.outcome import Found, Outcome, weigh, with_findings
-from impactscope.discrepancy.impact.strong import in_place_of, with_its_numbers
+from impactscope.discrepancy.impact.outcome import (
+    Found,
+    Outcome,
+    evidence_for,
+    weigh,
+    with_findings,
+)
+from impactscope.discrepancy.impact.strong import from_within, in_place_of, with_its_numbers
 from impactscope.discrepancy.impact.workbench import Workbench
 from impactscope.discrepancy.patience import lasts
 from impactscope.errors import ImpactscopeError
@@ -27,6 +33,9 @@ _TIED = 8.0  # of the criterion, within which one explanation does as well as an
 _STARTS = 2  # of a relative
 _AS_STATED = 1.0  # standard deviations within which a number is the stated one
 _LOST = 2.0  # reduced chi-square, over that of a finding, of a fit that has lost its way
+_STUCK = (
+    1.0  # of chi-square, by which a fuller law that explains no more has not left the plain one
+)
 _PROMISING = 0.5  # of a finding's gain, from which a relative is fitted jointly
 
 
@@ -142,14 +151,36 @@ def _instead(
         nearer = with_its_numbers(outcome.final, _model(outcome, rest), candidate)
         if nearer is not None and nearer.chi_square < other.chi_square:
             other = nearer
+    if contains(candidate, mine.candidate) and lasts('fuller laws from a finding'):
+        level = outcome.final.chi_square - _STUCK
+        if other is None or other.chi_square > level:
+            fuller = from_within(outcome.final, _model(outcome, rest), mine.candidate, candidate)
+            if fuller is not None and fuller.chi_square < level:
+                other = fuller
     if other is None:
         return None
-    spread = max(1.0, min(other.reduced, outcome.final.reduced))
-    cost = (candidate.cost - mine.candidate.cost) * math.log(layout.size)
-    cost += candidate.doubt - mine.candidate.doubt
-    worse = (other.chi_square - outcome.final.chi_square) / spread
+    worse, cost = _against(candidate, other, mine.candidate, outcome.final)
     chance = family_p_value(mine.gain - worse, candidate.cost, outcome.looks)
     return Found(candidate, other, mine.gain - worse, chance, mine.criterion + worse + cost)
+
+
+def _against(candidate: Candidate, other: Fit, mine: Candidate, final: Fit) -> tuple[float, float]:
+    """What another candidate leaves more than a finding, and what it costs more.
+
+    A law that contains another one is asked whether chance would gain as much by its further
+    numbers, not whether these pay for all samples: of two laws of one kind neither is likelier
+    from the outset.
+    """
+    least = Thresholds().false_finding
+    doubt = candidate.doubt - mine.doubt
+    more = candidate.cost - mine.cost
+    if contains(candidate, mine):
+        return -evidence_for(other, final), least_gain(more, 1, least) + doubt
+    if contains(mine, candidate):
+        return evidence_for(final, other), doubt - least_gain(-more, 1, least)
+    spread = max(1.0, min(other.reduced, final.reduced))
+    worse = (other.chi_square - final.chi_square) / spread
+    return worse, more * math.log(final.layout.size) + doubt
 
 
 def _model(outcome: Outcome, chosen: Sequence[Candidate]) -> ImpactModel:

@@ -32,6 +32,7 @@ from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 __all__ = [
     'from_first_contact',
     'from_taps',
+    'from_within',
     'in_place_of',
     'race',
     'related',
@@ -48,6 +49,7 @@ _SEEN = 60.0  # of chi-square, that a candidate must gain on the taps
 _SAME_UNIT = 12  # starts from numbers of the same unit
 _MET = 2.0  # reduced chi-square of the first contacts, up to which a candidate meets them
 _REFINED = 2  # starts of a candidate that are refined
+_APART = (0.002, 0.005, 0.012)  # of a finding: how far a fuller law's two numbers for it set out
 
 
 def _rung(model: ImpactModel, blows: Sequence[int], length: float, window: float) -> Layout:
@@ -265,6 +267,38 @@ def with_its_numbers(leader: Fit, without: ImpactModel, candidate: Candidate) ->
     with contextlib.suppress(ImpactscopeError):
         return _from_best(model, leader.layout, _its_numbers(leader, model, candidate))
     return None
+
+
+def from_within(
+    leader: Fit, without: ImpactModel, plain: Candidate, fuller: Candidate
+) -> Fit | None:
+    """The law that contains a finding, fitted from about the finding's numbers; None if it cannot.
+
+    At the finding itself what it has further tells nothing, and no slope leads away from there.
+
+    Args:
+        leader: a fit with the finding.
+        without: the model without it.
+        plain: the finding, a law of one size.
+        fuller: the law that contains it.
+    """
+    model = fuller.extend(without)
+    (size,) = (leader.values[key] for key in plain.amplitudes)
+    tried = [leader]
+    for start, apart in itertools.product(fuller.starts, _APART):
+        numbers = {**leader.values, **start}
+        amounts = sorted(fuller.amplitudes, key=lambda key: -start.get(key, 0.0))
+        for key, sign in zip(amounts, (1.0, -1.0), strict=False):
+            numbers[key] = size * (1.0 + sign * apart)
+        x = np.array([f.to_inner(numbers.get(f.key, f.start)) for f in model.free])
+        with contextlib.suppress(ImpactscopeError):
+            tried.append(fit(model, leader.layout, x, iterations=12))
+            # friction turns round in single samples: its chi-square is rough
+            tried.append(fit(model, leader.layout, tried[-1].x, iterations=12))
+    best = min(tried, key=lambda f: f.chi_square)
+    if best is leader:
+        return None
+    return best
 
 
 def _from_best(model: ImpactModel, layout: Layout, starts: Sequence[Array]) -> Fit | None:

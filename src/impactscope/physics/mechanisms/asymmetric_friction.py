@@ -28,4 +28,5 @@ MECHANISM = Mechanism(
     test='ring-down after hammer taps: successive half-waves shrink by unequal steps',
     enter=_enter,
     kin=('coulomb_friction', 'stribeck_friction'),
+    contains=('coulomb_friction',),
 )

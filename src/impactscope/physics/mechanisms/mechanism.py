@@ -98,6 +98,7 @@ class Mechanism:
     retime: Callable[[Array, Values], Array] | None = None
     needs: frozenset[str] = field(default_factory=frozenset)  # of 'impactor', 'damper', 'bare'
     kin: tuple[str, ...] = ()  # mechanisms of the same family
+    contains: tuple[str, ...] = ()  # of them, those that are this one with fewer numbers
 
     @property
     def on_channel(self) -> bool:

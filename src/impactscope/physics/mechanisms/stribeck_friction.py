@@ -59,4 +59,5 @@ MECHANISM = Mechanism(
     test='slow ring-down and a slow push: the plate stops suddenly and starts with a jump',
     enter=_enter,
     kin=('coulomb_friction', 'asymmetric_friction'),
+    contains=('coulomb_friction',),
 )
