@@ -175,6 +175,13 @@ def test_a_weak_cogging_is_no_slow_noise():
     assert 'a force that repeats every 0.0093' in answer.unexplained_description
 
 
+def test_a_cogging_of_many_teeth_is_not_nothing():
+    """Its period is a hundredth of the motion; 52 times the encoder's noise is left of it."""
+    answer = explain_driven(closed_loop(7, cogging=(0.1, 1.3e-3)))
+    assert answer.accepted == ('unknown',)
+    assert 'a force that repeats every 0.0013 m' in answer.unexplained_description
+
+
 def test_a_force_that_is_measured_though_it_is_commanded():
     """Its noise adds up to far more than the encoder's steps, and is no effect."""
     answer = explain_driven(closed_loop(4, shaky=0.1))

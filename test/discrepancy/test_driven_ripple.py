@@ -9,7 +9,7 @@ import pytest
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.guess import position_ripple
 from impactscope.discrepancy.driven.model import Segment, inside_samples
-from impactscope.discrepancy.driven.ripple import ripple_of_motion
+from impactscope.discrepancy.driven.ripple import periods_to_try, ripple_of_motion
 
 RATE = 1000.0
 
@@ -95,3 +95,15 @@ def test_dry_friction_is_no_ripple():
 
 def test_a_rounded_position_is_no_ripple():
     assert ripple_of_motion(*recorded(0.0)) is None
+
+
+def test_periods_are_tried_as_far_as_samples_follow_and_time_allows():
+    time = np.arange(4000) / RATE
+    slow = [0.05 * np.sin(2.0 * np.pi * 0.5 * time)]
+    tried = periods_to_try(slow, 0.1)
+    assert tried[0] == 2.0
+    assert 200.0 < tried[-1] < 250.0  # 0.11 mm from sample to sample is a quarter of 0.44 mm
+    fast = periods_to_try([slow[0][::10]], 0.1)
+    assert 18.0 < fast[-1] < 26.0
+    assert periods_to_try([np.repeat(slow[0], 100)], 0.1)[-1] < 82.0
+    assert periods_to_try([np.zeros(100)], 0.1).size == 0

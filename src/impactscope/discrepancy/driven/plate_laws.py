@@ -17,7 +17,8 @@ from scipy import signal
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Model, Segment
 from impactscope.discrepancy.driven.noise_judge import innovations
-from impactscope.discrepancy.driven.strangers import Group, Shaped
+from impactscope.discrepancy.driven.ripple import periods_to_try
+from impactscope.discrepancy.driven.strangers import LOOKS, Group, Shaped
 
 __all__ = ['STATE', 'plate_laws']
 
@@ -25,8 +26,6 @@ Array = NDArray[np.float64]
 
 NEAR = 1e-12
 MODE_DAMPING = 0.03
-FEWEST, MOST = 2.0, 80.0  # periods in the range of motion, of a force that repeats
-APART = 0.5  # of a period in the range of motion, between those that are tried
 REPEATS = 'a force that repeats'
 
 
@@ -143,12 +142,13 @@ def _swinging(p: _Plate, xs: Sequence[Array], times: Sequence[Array]) -> Iterato
 
 
 def _repeating(p: _Plate, xs: Sequence[Array]) -> Iterator[Group]:
-    """Forces that repeat with the position: cogging, an eccentric gear."""
+    """Forces that repeat with the position: cogging, an eccentric gear, the teeth of a belt."""
     span = float(np.ptp(np.concatenate(xs)))
     if not span > 0.0:
         return
     unit = p.segments[0].unit
-    for turns in np.arange(FEWEST, MOST, APART).tolist():
+    tried = periods_to_try(xs, span)
+    for turns in tried.tolist():
 
         def columns(shape: Array, begun: float = turns) -> list[Array]:
             turn = 2.0 * math.pi * (begun + shape[0]) / span
@@ -160,7 +160,8 @@ def _repeating(p: _Plate, xs: Sequence[Array]) -> Iterator[Group]:
         yield Group(
             f'{REPEATS} with the position',
             columns(np.zeros(1)),
-            shaped=Shaped((0.0,), columns, law),
+            LOOKS + tried.size,
+            Shaped((0.0,), columns, law),
         )
 
 

@@ -19,15 +19,38 @@ from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.strangers import Stranger
 
-__all__ = ['ripple_of_motion']
+__all__ = ['periods_to_try', 'ripple_of_motion']
 
 Array = NDArray[np.float64]
 T = TypeVar('T')
 
-RIPPLES = (2.0, 60.0, 0.1)  # periods in the range of motion: from, to, step
+FEWEST = 2.0  # periods in the range of motion
+APART = 0.5  # of a period in the range of motion, between those that are tried
+AT_LEAST, WORK = 160, 2e7  # of them, and how often all samples are gone through for more
+MOVING = 0.1  # of the largest speed, from which something moves
+PASSED = 0.25  # of a period, that is passed from sample to sample at most, mostly
+STRIDE = 10  # samples over which a speed is looked at
+REFINED, FINER = 8, 0.04  # of the best ones, and the steps in which is looked about them
 EXPLAINED = 0.8  # share of what is left that the force must explain, beside the axis' numbers
 PREDICTED = 0.5  # the same of recordings held out, with the numbers of the others
 SCANNED = 10_000  # samples, about
+
+
+def periods_to_try(positions: Sequence[Array], span: float) -> Array:
+    """Numbers of periods in a range of motion ``span`` that a force which repeats may have.
+
+    As many as samples follow, and as there is time for.
+
+    Args:
+        positions: of each recording, shape (n,), in order of time.
+        span: the range of motion, in their unit.
+    """
+    parts = [np.abs(x[STRIDE:] - x[:-STRIDE]) / STRIDE for x in positions if x.size > STRIDE]
+    steps = np.concatenate([*parts, np.zeros(1)])
+    moving = steps[steps > MOVING * float(np.max(steps))]
+    followed = PASSED * span / float(np.median(moving)) if moving.size else FEWEST
+    samples = sum(x.size for x in positions)
+    return np.arange(FEWEST, min(followed, APART * max(AT_LEAST, WORK / samples)), APART)
 
 
 def ripple_of_motion(made: Fit, segments: Sequence[Segment]) -> tuple[Stranger, float] | None:
@@ -58,14 +81,19 @@ def ripple_of_motion(made: Fit, segments: Sequence[Segment]) -> tuple[Stranger, 
     span = float(np.ptp(np.concatenate([segments[i].measured for i in fitted])))
     if not power > 0.0 or not span > 0.0:
         return None
-    share, period = EXPLAINED, math.nan
-    for turns in np.arange(*RIPPLES):
+
+    def explained(turns: float) -> float:
         waves = beyond(np.concatenate([a.waves(span / turns) for a in _chosen(axes, fitted)]))
         along = waves.T @ rest
-        explained = float(along @ np.linalg.lstsq(waves.T @ waves, along, rcond=None)[0]) / power
-        if explained > share:
-            share, period = explained, span / turns
-    if math.isnan(period):
+        return float(along @ np.linalg.lstsq(waves.T @ waves, along, rcond=None)[0]) / power
+
+    tried = periods_to_try([segments[i].measured for i in fitted], span)
+    if not tried.size:
+        return None
+    near = sorted(tried.tolist(), key=explained)[-REFINED:]
+    best = max((t + d for t in near for d in np.arange(-APART, APART, FINER)), key=explained)
+    share, period = explained(best), span / best
+    if share <= EXPLAINED:
         return None
     both = [np.concatenate([a.numbers, a.waves(period)], axis=1) for a in axes]
     size = np.linalg.norm(np.concatenate(_chosen(both, fitted)), axis=0)

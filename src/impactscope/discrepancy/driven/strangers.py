@@ -138,18 +138,29 @@ def strangers(
     here = tangent(model, made, segments)
     sizes = [s.measured.size for s in segments if not s.held_out]
     found: list[Stranger] = []
+    leading = -math.inf
+
+    def keep(new: Stranger) -> None:
+        """Without its column, which is large, where another is better."""
+        nonlocal leading
+        if new.worth > leading:
+            leading = new.worth
+        else:
+            new = dataclasses.replace(new, column=None)
+        found.append(new)
+
     shapes: dict[str, tuple[float, Shaped]] = {}  # by the law, the best start
     for law, columns, looks, shaped in laws(model, made, segments):
         new = _stranger(here, sizes, law, columns, looks)
         if new is None:
             continue
-        found.append(_lighter(new, found))
+        keep(new)
         if shaped is not None and new.worth > shapes.get(law, (0.0, shaped))[0]:
             shapes[law] = new.worth, shaped
     for worth, shaped in shapes.values():
         if worth > LEAST_TO_SHAPE:
-            finer = _shaped(here, sizes, shaped)
-            found.extend(_lighter(f, found) for f in finer)
+            for finer in _shaped(here, sizes, shaped):
+                keep(finer)
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     whitened = [innovations(segments[i], made.residuals[i]) for i in fitted]
     # an axis at rest hunts between two readings of a coarse encoder: a line of its own rounding
@@ -175,12 +186,6 @@ def _stranger(
     if Stranger(law, gain, rank, looks=looks).p_value < FALSE:
         gain = min(_worth(here.residual, column, sizes), _of_many(here.residual, column))
     return Stranger(law, gain, rank, column, plain, looks)
-
-
-def _lighter(new: Stranger, found: Sequence[Stranger]) -> Stranger:
-    """Without its column, which is large, where another is better."""
-    best = all(new.worth > f.worth for f in found)
-    return new if best else dataclasses.replace(new, column=None)
 
 
 def _shaped(here: Tangent, sizes: Sequence[int], shaped: Shaped) -> list[Stranger]:
