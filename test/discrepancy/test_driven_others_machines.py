@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import signal
 from scipy.integrate import solve_ivp
 
 from impactscope.discrepancy.campaign import ChannelSamples
@@ -16,7 +18,9 @@ from impactscope.discrepancy.driven.baseline import with_rest_at_zero
 from impactscope.discrepancy.driven.explain import _left_more
 from impactscope.discrepancy.driven.findings import _at_an_end, _one_way
 from impactscope.discrepancy.driven.hollow import explains_nothing
+from impactscope.discrepancy.driven.mass_and_damper import answers_in_time
 from impactscope.discrepancy.driven.more_than_noise import _comes_and_goes, _no_machine
+from impactscope.discrepancy.driven.oscillation import reversed_channels
 from impactscope.discrepancy.driven.prescribed import force_counts_against, linear_prescribed
 from impactscope.discrepancy.driven.recordings import Cut
 from impactscope.discrepancy.driven.search import _in_plainer_form
@@ -78,6 +82,43 @@ def test_the_zero_of_a_speed_that_never_comes_by_zero_is_taken_away():
     assert 'the zero of its sensor' in campaign.notes[0]
     crossing = free([pendulum(b, 4.0)[1] + 0.1 for b in (0.3, 0.2)], 'velocity.gyro', 'rad/s')
     assert with_rest_at_zero(crossing) is crossing
+
+
+def test_recordings_that_have_no_value_in_common_have_a_zero_each():
+    """As when the sensor was moved between them, or is another one."""
+    swings = [pendulum(b, 4.0)[0] + at for b, at in ((0.3, 2.0), (0.2, 2.0), (0.02, -0.01))]
+    campaign = with_rest_at_zero(free(swings, 'displacement.arm', 'rad'))
+    for r, swing, at in zip(campaign.recordings, swings, (2.0, 2.0, -0.01), strict=True):
+        left = swing - r.channels['displacement.arm'].values
+        assert left == pytest.approx(at, abs=0.01)
+    assert [n.partition(' swings')[0] for n in campaign.notes] == [
+        'displacement.arm in r2.mcap',
+        'displacement.arm in r0.mcap, r1.mcap never comes by zero; it',
+    ]
+
+
+def rolls(force, mass, damping):
+    """Position, m, of a mass without a spring under a force that is held between samples."""
+    keep = math.exp(-damping / mass / RATE)
+    speed = signal.lfilter([0.0, (1.0 - keep) / damping], [1.0, -keep], force)
+    return signal.lfilter([0.5 / RATE, 0.5 / RATE], [1.0, -1.0], speed)
+
+
+def test_what_rolls_away_under_slow_ramps_keeps_its_sign():
+    """In its spectrum the ends of such a motion are all that is seen."""
+    time = np.arange(int(20 * RATE)) / RATE
+    parts = []
+    for sign, shape in ((1.0, 0.25 * time), (-1.0, 0.25 * time), (1.0, np.full(time.size, 7.0))):
+        place = rolls(sign * shape, 0.04, 0.37)
+        place = place + noise(time.size, 0.01, 3)
+        names = 'r', 'displacement.x', 'm', 'force.f', 'N', False
+        parts.append(Cut(*names, 0.0, RATE, place, sign * shape, 0.01))
+    assert reversed_channels(parts, spring=False) == ()
+    turned = [dataclasses.replace(c, output=-c.output) for c in parts]
+    assert reversed_channels(turned, spring=False) == ('displacement.x',)
+    left, gain, loss = answers_in_time(parts)[0]
+    assert left < 0.01 * sum(float(c.output @ c.output) for c in parts)
+    assert loss / gain == pytest.approx(0.37, rel=0.02)
 
 
 @pytest.mark.slow

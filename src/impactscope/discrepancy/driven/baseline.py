@@ -7,15 +7,16 @@ its simulation has is added to it.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.discrepancy.campaign import Campaign, CampaignKind
+from impactscope.discrepancy.campaign import Campaign, CampaignKind, ChannelSamples
 from impactscope.discrepancy.driven.chain import linear_chain
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.growing import fit_over_growing_spans, lost_count
@@ -161,37 +162,62 @@ def with_right_signs(campaign: Campaign) -> Campaign:
 def with_rest_at_zero(campaign: Campaign) -> Campaign:
     """The campaign with a free swing's channels counted from their rest, and a note.
 
-    Only where no recording comes by the sensor's zero: an encoder's zero may be anywhere, and a
-    swing about anything else than its rest is none; nor does a speed or an acceleration swing
-    about another value than zero. What is a little off is found as such.
+    Only where no recording comes by the sensor's zero, for an encoder's zero may be anywhere, and
+    a swing about anything else than its rest is none; nor does a speed or an acceleration swing
+    about another value than zero. What is a little off is found as such. Recordings that have no
+    value in common have a zero each: the sensor was moved, or is another one.
     """
     bench = campaign.bench
     if campaign.kind is not CampaignKind.DRIVEN or str(bench.get('input', '')).lower() not in FREE:
         return campaign
-    rests, notes = {}, []
+    changed = campaign
     for name in (str(n) for n in bench['outputs']):
-        swings = [r.channels[name] for r in campaign.recordings if name in r.channels]
-        swings = [c for c in swings if np.isfinite(c.values).any()]
-        ends = [(float(np.nanmin(c.values)), float(np.nanmax(c.values))) for c in swings]
-        if not ends or not (min(a for a, _ in ends) > 0.0 or max(b for _, b in ends) < 0.0):
-            continue
-        rest = _rest(min(swings, key=lambda c: float(np.nanstd(c.values))).values)
-        rests[name] = rest
-        about = f'{name} never comes by zero; it swings about {rest:.5g} {swings[0].unit}'
-        if derivative_of(swings[0].unit):
-            notes.append(f'{about}, which is taken for the zero of its sensor.')
-        else:
-            notes.append(f'{about}, from which it is counted.')
-    if not rests:
-        return campaign
-    counted = {name: (lambda values, rest=rest: values - rest) for name, rest in rests.items()}
-    return _with_channels(campaign, counted, notes)
+        swings = {r.file: r.channels[name] for r in campaign.recordings if name in r.channels}
+        swings = {f: c for f, c in swings.items() if np.isfinite(c.values).any()}
+        places = _places(swings)
+        for swung in places:
+            ends = [
+                (float(np.nanmin(c.values)), float(np.nanmax(c.values))) for c in swung.values()
+            ]
+            away = min(a for a, _ in ends) > 0.0 or max(b for _, b in ends) < 0.0
+            if not away and len(places) == 1:
+                continue
+            quietest = min(swung.values(), key=lambda c: float(np.nanstd(c.values)))
+            rest = _rest(quietest.values)
+            which = f' in {", ".join(swung)}' if len(places) > 1 else ''
+            about = f'{name}{which} never comes by zero; it' if away else f'{name}{which}'
+            about = f'{about} swings about {rest:.5g} {quietest.unit}'
+            if derivative_of(quietest.unit):
+                note = f'{about}, which is taken for the zero of its sensor.'
+            else:
+                note = f'{about}, from which it is counted.'
+            counted = functools.partial(np.add, -rest)
+            changed = _with_channels(changed, {name: counted}, [note], set(swung))
+    return changed
+
+
+def _places(swings: Mapping[str, ChannelSamples]) -> list[dict[str, ChannelSamples]]:
+    """Recordings by file, those together whose ranges of values meet."""
+    groups: list[dict[str, ChannelSamples]] = []
+    top = -math.inf
+    for file, c in sorted(swings.items(), key=lambda item: float(np.nanmin(item[1].values))):
+        if float(np.nanmin(c.values)) > top:
+            groups.append({})
+        groups[-1][file] = c
+        top = max(top, float(np.nanmax(c.values)))
+    return groups
 
 
 def _with_channels(
-    campaign: Campaign, changes: Mapping[str, Callable[[Array], Array]], notes: Sequence[str]
+    campaign: Campaign,
+    changes: Mapping[str, Callable[[Array], Array]],
+    notes: Sequence[str],
+    files: Collection[str] | None = None,
 ) -> Campaign:
-    """The campaign with the values of some channels changed, and notes that say so."""
+    """The campaign with the values of some channels changed, and notes that say so.
+
+    ``files``: recordings in which they are; None: in all.
+    """
     recordings = tuple(
         dataclasses.replace(
             r,
@@ -200,6 +226,8 @@ def _with_channels(
                 for n, c in r.channels.items()
             },
         )
+        if files is None or r.file in files
+        else r
         for r in campaign.recordings
     )
     return dataclasses.replace(campaign, recordings=recordings, notes=(*campaign.notes, *notes))

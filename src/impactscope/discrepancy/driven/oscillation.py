@@ -13,6 +13,7 @@ from scipy import signal
 
 from impactscope.discrepancy.driven.channel_effects import channel_terms
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
+from impactscope.discrepancy.driven.mass_and_damper import answers_in_time
 from impactscope.discrepancy.driven.mechanics import Sizes, mechanical_terms
 from impactscope.discrepancy.driven.model import AT_REST, OscillatorModel, Segment, inside_samples
 from impactscope.discrepancy.driven.recordings import Cut, derivative_of, first_state, rests
@@ -285,9 +286,12 @@ def reversed_channels(cuts: Sequence[Cut], *, spring: bool) -> tuple[str, ...]:
             if _agreement(mine) < -AGREES:
                 found.append(channel)
             continue
-        scanned = _scan(mine, spring=spring)
-        forward = min((x.error for x in scanned if x.gain > 0.0), default=math.inf)
-        if scanned[0].gain < 0.0 and scanned[0].error < REVERSED * forward:
+        if spring:
+            tried = [(x.error, x.gain) for x in _scan(mine, spring=True)]
+        else:  # in spectra the ends of what rolls away are most of what is seen
+            tried = [(left, gain) for left, gain, _ in answers_in_time(mine)]
+        forward = min((left for left, gain in tried if gain > 0.0), default=math.inf)
+        if tried[0][1] < 0.0 and tried[0][0] < REVERSED * forward:
             found.append(channel)
     return tuple(found)
 
@@ -295,7 +299,8 @@ def reversed_channels(cuts: Sequence[Cut], *, spring: bool) -> tuple[str, ...]:
 def _driven_starts(cuts: Sequence[Cut], *, spring: bool) -> list[tuple[float, float, float]]:
     """Mass, damping and stiffness of up to three natural frequencies that fit best."""
     chosen: list[tuple[float, float, float]] = []
-    for x in _scan([c for c in cuts if not c.held_out], spring=spring):
+    fitted = [c for c in cuts if not c.held_out]
+    for x in _scan(fitted, spring=spring):
         if x.gain <= 0.0:
             continue
         apart = (abs(x.omega - math.sqrt(k / m)) > 0.15 * x.omega for m, _, k in chosen)
@@ -305,7 +310,10 @@ def _driven_starts(cuts: Sequence[Cut], *, spring: bool) -> list[tuple[float, fl
         if len(chosen) == 3:
             break
     if not spring and derivative_of(cuts[0].unit) == 2:
-        chosen += _mass_alone([c for c in cuts if not c.held_out])
+        chosen += _mass_alone(fitted)
+    elif not spring:
+        _, gain, loss = answers_in_time(fitted)[0]
+        chosen += [(1.0 / gain, loss / gain, 0.0)] if gain > 0.0 else []
     return chosen or [(1.0, 1.0, 1.0)]
 
 
