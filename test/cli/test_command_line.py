@@ -287,3 +287,16 @@ def test_conceal_hides_nothing_on_request(capsys, tmp_path):
     sizes = ('--blows', '2', '--sample-rate', '1000', '--duration', '0.4')
     assert run(capsys, 'conceal', 'none', '-o', tmp_path / 'clean', *sizes)[0] == 0
     assert (tmp_path / 'clean' / 'campaign.yaml').exists()
+
+
+def test_a_campaign_is_checked_without_a_search(capsys, tmp_path):
+    code, out, _ = run(capsys, 'explain', bags_folder() / 'pendulum_campaign.yaml', '--check')
+    assert code == 0
+    assert 'driven, the simulation has linear_sensor' in out
+    assert '(hold_out) displacement.angle: -2.3' in out
+    assert 'rad, 5 s at 1000 Hz' in out
+    assert 'found' not in out
+    (tmp_path / 'campaign.yaml').write_text('version: 1\n', encoding='utf-8')
+    code, _, err = run(capsys, 'explain', tmp_path, '--check')
+    assert code != 0
+    assert 'bench' in err

@@ -74,6 +74,13 @@ def files(table, folder):
     yield folder / 'g.json', ('data[0]', 'data[1]', 'data[2]'), {}
 
 
+def test_a_zero_is_taken_off_before_the_scale_and_turns_are_angles():
+    at_rest = ColumnSpec('acceleration.plate', 0, 'g', scale=-1.0, zero=1.0)
+    assert at_rest.in_si(np.array([1.0, 2.0])) == pytest.approx([0.0, -9.80665])
+    turned = ColumnSpec('displacement.motor', 0, 'turns')
+    assert turned.in_si(np.array([0.5])) == pytest.approx([np.pi])
+
+
 def test_every_kind_of_file_gives_the_same_recording(table, tmp_path):
     for path, (time, force, acceleration), options in files(table, tmp_path):
         mapping = ColumnMapping(
@@ -340,6 +347,7 @@ def test_mapping_from_yaml_and_from_strings(tmp_path):
         ('channels: {f: {column: 0, unit: stone}}\ntime: 1', "unit 'stone' is not known"),
         ('channels: {f: {column: 0, gain: 2}}\ntime: 1', "unknown 'gain'"),
         ('channels: {f: {column: 0, scale: 0}}\ntime: 1', 'scale is 0'),
+        ('channels: {f: {column: 0, zero: .nan}}\ntime: 1', 'zero is nan'),
         ('channels: {f: {column: 0}}\ntime: 1\ntest_point: {name: x}', "unknown 'name'"),
         ('channels: {f: {column: 0}}\ntime: 1\nstart_ns: -1', 'start_ns is -1'),
     ],

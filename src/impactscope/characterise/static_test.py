@@ -189,12 +189,11 @@ def _from_columns(
 
 
 def _in_si(values: Array, spec: ColumnSpec, unit: str) -> Array:
-    found, factor = to_si(spec.unit)
-    if found != unit:
+    if to_si(spec.unit)[0] != unit:
         raise ConfigurationError(
             f'channel {spec.channel!r} is in {spec.unit!r}; a unit of {unit} is needed'
         )
-    return np.asarray(values * (spec.scale * factor), np.float64)
+    return spec.in_si(values)
 
 
 def _from_recording(

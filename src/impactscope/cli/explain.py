@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
+import numpy as np
 import typer
 from rich.markup import escape
 from rich.table import Table
@@ -15,8 +16,9 @@ from impactscope.discrepancy.patience import WITHIN_S
 
 if TYPE_CHECKING:
     from impactscope.discrepancy.answer import Answer
+    from impactscope.discrepancy.campaign import Campaign
 
-__all__ = ['explain', 'print_answer']
+__all__ = ['explain', 'print_answer', 'print_campaign']
 
 
 def explain(
@@ -38,6 +40,10 @@ def explain(
             help='Seconds to answer in; what is left out for that is told. "inf": no limit.',
         ),
     ] = WITHIN_S,
+    check: Annotated[
+        bool,
+        typer.Option('--check', help='Read the campaign, say what is in it, and end.'),
+    ] = False,
 ) -> None:
     """Say which physics the simulation leaves out: where it differs, what is missing, how sure.
 
@@ -45,9 +51,12 @@ def explain(
     mechanisms the simulation has; docs/explain.md describes it. Exit code 0: answered, also
     where nothing is missing.
     """
-    from impactscope.campaign_files import explain_folder
+    from impactscope.campaign_files import explain_folder, load_campaign
     from impactscope.campaign_files import save_model as save
 
+    if check:
+        print_campaign(load_campaign(campaign))
+        return
     with Bar(f'explaining {campaign.name}') as advance:
         answer = explain_folder(campaign, advance.describe, within_s=within)
     print_answer(answer)
@@ -63,6 +72,32 @@ def explain(
     if save_model is not None:
         save(campaign, answer, save_model)
         out.print(f'model: [bold]{escape(str(save_model))}[/bold]')
+
+
+def print_campaign(campaign: 'Campaign') -> None:
+    """What a campaign holds, as it was read: nothing is fitted or judged."""
+    out.print(
+        f'[bold]{escape(campaign.name)}[/bold]: {campaign.kind.value}, the simulation has '
+        f'{escape(", ".join(campaign.baseline_names) or "nothing that is named")}'
+    )
+    for recording in campaign.recordings:
+        kind = f', {recording.kind}' if recording.kind else ''
+        out.print(f'{escape(recording.file)} ({recording.role.value}{escape(kind)})')
+        for channel in recording.channels.values():
+            values = channel.values
+            lost = int(np.isnan(values).sum())
+            clipped = int(((values <= channel.range_min) | (values >= channel.range_max)).sum())
+            ends = 'no number'
+            if lost < values.size:
+                ends = f'{np.nanmin(values):.4g} to {np.nanmax(values):.4g}'
+            out.print(
+                f'  {escape(channel.name)}: {ends} {escape(channel.unit)}, '
+                f'{values.size / channel.sample_rate:.4g} s at {channel.sample_rate:.6g} Hz'
+                + (f', [bold]{lost} samples lost[/bold]' if lost else '')
+                + (f', [bold]{clipped} clipped[/bold]' if clipped else '')
+            )
+    for note in campaign.notes:
+        out.print(f'note: {escape(note)}')
 
 
 def print_answer(answer: 'Answer') -> None:

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from impactscope.errors import ConfigurationError
 from impactscope.records import TestPoint
@@ -27,6 +29,7 @@ class ColumnSpec:
     column: str | int
     unit: str = '1'  # in the file; values are converted to SI
     scale: float = 1.0  # multiplies the file's values first, e.g. -1 for a reversed sign
+    zero: float = 0.0  # what the file says where the quantity is none; taken off before the scale
     range_min: float = math.nan  # SI; samples at or beyond it are clipped
     range_max: float = math.nan
     frame_id: str = ''
@@ -37,6 +40,12 @@ class ColumnSpec:
             raise ConfigurationError(f'column {self.column!r} is mapped to a channel without name')
         if not math.isfinite(self.scale) or self.scale == 0:
             raise ConfigurationError(f'channel {self.channel!r}: scale is {self.scale!r}')
+        if not math.isfinite(self.zero):
+            raise ConfigurationError(f'channel {self.channel!r}: zero is {self.zero!r}')
+
+    def in_si(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values of the file as the quantity in its SI unit, shape as given."""
+        return np.asarray((values - self.zero) * (self.scale * to_si(self.unit)[1]))
 
     @classmethod
     def parse(cls, text: str) -> ColumnSpec:

@@ -113,7 +113,7 @@ def convert(
         delimiter=mapping.delimiter,
         transpose=mapping.transpose,
     )
-    channels = [(spec, _in_si(file.column(spec.column), spec)) for spec in mapping.channels]
+    channels = [(spec, spec.in_si(file.column(spec.column))) for spec in mapping.channels]
     count = len(channels[0][1])
     for spec, values in channels:
         if len(values) != count:
@@ -162,10 +162,6 @@ def convert(
         flags,
         tuple(note for one in series for note in _seen(one, mapping.resample)),
     )
-
-
-def _in_si(values: NDArray[np.float64], spec: ColumnSpec) -> NDArray[np.float64]:
-    return values * (spec.scale * to_si(spec.unit)[1])
 
 
 def _times(file: ColumnFile, mapping: ColumnMapping, count: int) -> NDArray[np.float64]:

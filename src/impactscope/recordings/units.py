@@ -36,8 +36,10 @@ UNITS: dict[str, tuple[str, float]] = {
     'inch': ('m', _INCH),
     'rad': ('rad', 1.0),
     'deg': ('rad', math.pi / 180.0),
+    'rev': ('rad', 2.0 * math.pi),
     'rad/s': ('rad/s', 1.0),
     'deg/s': ('rad/s', math.pi / 180.0),
+    'rev/s': ('rad/s', 2.0 * math.pi),
     'rpm': ('rad/s', math.pi / 30.0),
     'rad/s^2': ('rad/s^2', 1.0),
     'deg/s^2': ('rad/s^2', math.pi / 180.0),
@@ -59,6 +61,7 @@ UNITS: dict[str, tuple[str, float]] = {
 _ALIASES = {'m/s2': 'm/s^2', 'm/s²': 'm/s^2', 'in': 'inch', 'Nm': 'N m', 'µm': 'um', '°': 'deg'}
 _ALIASES |= {'N*m': 'N m', 'N·m': 'N m', 'Nmm': 'mN m', 'N mm': 'mN m', '°/s': 'deg/s'}
 _ALIASES |= {'rad/s2': 'rad/s^2', 'rad/s²': 'rad/s^2', 'mm/s2': 'mm/s^2', 'mm/s²': 'mm/s^2'}
+_ALIASES |= dict.fromkeys(('turn', 'turns', 'rot', 'rotation', 'rotations'), 'rev')
 _ALIASES |= dict.fromkeys(('count', 'counts', 'tick', 'ticks', 'LSB'), '1')
 _ALIASES |= {'μm': 'um', 'µs': 'us', 'μs': 'us', 'lbs': 'lbf', 'lb': 'lbf', 'G': 'g'}
 
