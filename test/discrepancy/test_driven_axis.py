@@ -44,11 +44,11 @@ def pulled_back(x, spring):
 
 
 @njit
-def axis(reference, friction, load, spring, base, cogging):
+def axis(reference, friction, load, spring, base, cogging, drag=0.0):
     """Encoder positions and commanded forces; exact sliding at small steps, friction implicit.
 
     ``spring``: see ``pulled_back``; ``base``: on which drive and guide stand; ``cogging``: force
-    and period along the position.
+    and period along the position; ``drag``: of the square of the speed, N s^2/m^2.
     """
     step = 1.0 / (RATE * FINE)
     keep = np.exp(-step * DAMPING / MASS)
@@ -68,7 +68,7 @@ def axis(reference, friction, load, spring, base, cogging):
         forces[i] = force
         for _ in range(FINE):
             pull = force - load - pulled_back(x, spring)
-            pull -= cogging[0] * np.sin(2.0 * np.pi * x / cogging[1] + 0.7)
+            pull -= cogging[0] * np.sin(2.0 * np.pi * x / cogging[1] + 0.7) + drag * v * abs(v)
             if under < np.inf:
                 beside = -(pull - DAMPING * v + stiffness * sway + damping * sway_speed) / under
                 pull -= MASS * beside
@@ -96,13 +96,14 @@ def closed_loop(
     shaky=0.0,
     cogging=EVEN,
     farther=1.0,
+    drag=0.0,
 ):
     rng = np.random.default_rng(seed)
     channels, entries = {}, []
     for i in range(3):
         file = f'r{i}.mcap'
         reference = course(4.0, 0.05 * (farther if i == 2 else 1.0), rng)
-        positions, forces = axis(reference, friction, load, spring, base, cogging)
+        positions, forces = axis(reference, friction, load, spring, base, cogging, drag)
         positions = np.concatenate([np.full(late, positions[0]), positions])[: positions.size]
         if smooth:
             positions = signal.filtfilt(*signal.butter(1, smooth, fs=RATE), positions)
@@ -180,6 +181,19 @@ def test_a_cogging_of_many_teeth_is_not_nothing():
     answer = explain_driven(closed_loop(7, cogging=(0.1, 1.3e-3)))
     assert answer.accepted == ('unknown',)
     assert 'a force that repeats every 0.0013 m' in answer.unexplained_description
+
+
+@pytest.mark.slow
+def test_a_weak_spring_is_no_coupling_of_a_position():
+    """Of a mass with a damper they are one law where the coupling fades within no recording."""
+    weak = (0.1, 0.0, 0.0, np.inf)
+    answer = explain_driven(closed_loop(10, spring=weak, drag=4.0, wander=1.2e-5, keep=0.0))
+    assert set(answer.accepted) == {'quadratic_damping', 'restoring_force'}
+    spring = next(f for f in answer.ranking if f.name == 'restoring_force')
+    assert 'ac_coupling' in spring.confused_with
+    assert (
+        abs(spring.parameters['stiffness'].value - 0.1) < 4.0 * spring.parameters['stiffness'].std
+    )
 
 
 def test_a_force_that_is_measured_though_it_is_commanded():

@@ -8,7 +8,12 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.channel_effects import channel_terms
-from impactscope.discrepancy.driven.measuring import passed_on, power_passed
+from impactscope.discrepancy.driven.measuring import (
+    passed_on,
+    power_passed,
+    power_retimed,
+    retimed,
+)
 
 RATE, SAMPLES, NOISE = 2000.0, 3000, 0.05
 CHANNELS = 'acceleration.raw', 'acceleration.processed'
@@ -130,3 +135,19 @@ def cut_out(seed, cutoff):
     pieces = [slice((2 * i + 2) * SAMPLES, (2 * i + 3) * SAMPLES) for i in range(3)]
     pairs = [(raw[p], after[p] + NOISE * rng.standard_normal(SAMPLES)) for p in pieces]
     return described(pairs, 'cut out')
+
+
+@pytest.mark.parametrize('shift', [0.5, 0.25, -0.49, 1.3])
+def test_how_much_noise_a_late_clock_takes_away_is_known(shift):
+    """Between two samples a spline smooths: half a sample late, a quarter of noise is gone."""
+    late = next(
+        t for t in channel_terms('c', 'N', RATE, 1.5, 0.1, 1.0) if t.label == 'clock_error/output'
+    )
+    values = {f'{late.label}.offset': shift / RATE}
+    frequency = np.linspace(0.0, 0.5 * RATE, 1000)[1:-1]
+    white = np.random.default_rng(3).standard_normal(40_000)
+    left = np.var(retimed(white, shift / RATE, 0.0, 1.0 / RATE)[100:-100])
+    told = power_retimed((late,), values, frequency, 1.0 / RATE)
+    assert np.mean(told) == pytest.approx(left, abs=0.02)
+    assert told[0] == pytest.approx(1.0, abs=1e-6)
+    assert np.all(power_retimed((), {}, frequency, 1.0 / RATE) == 1.0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.baseline import baseline_model, with_metal_that_lets_go
 from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.cold_start import cold_starts
 from impactscope.discrepancy.impact.data import prepare
@@ -138,3 +138,14 @@ def test_a_ringing_fixture_is_found_whatever_its_frequency(make_campaign):
     for name, value in values.items():
         item = answer.ranking[0].parameters[name]
         assert abs(item.value - value) < 4 * item.std
+
+
+def test_bare_metal_lets_go_whether_the_baseline_says_so_or_not(make_campaign):
+    names = ('linear_sensor', 'hertz_contact', 'gravity_load')
+    campaign = make_campaign(43, bare=BareContact(1e8), baseline=names, rate=5000.0)
+    taken = with_metal_that_lets_go(campaign)
+    assert taken.baseline_names == (*names, 'unilateral_contact')
+    assert 'hertz_contact is taken to push only' in taken.notes[-1]
+    assert with_metal_that_lets_go(taken) is taken
+    glued = make_campaign(42, baseline=GLUED)
+    assert with_metal_that_lets_go(glued) is glued

@@ -9,6 +9,7 @@ others.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -28,6 +29,7 @@ from impactscope.discrepancy.driven.stand_ins import (
     other_friction,
     other_levels,
     plain_friction,
+    spring_of_position,
 )
 from impactscope.discrepancy.driven.terms import key
 from impactscope.discrepancy.patience import lasts
@@ -43,6 +45,7 @@ DEPTH = 3
 NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the best
 FAR = 10.0  # times the samples: chi-square from which a search goes on from what was found
 EDGE = 64  # samples at either end
+MORE = 0.25  # of reduced chi-square, that is more than noise
 FORM = 0.01  # of what a delay gains, that its form leaves open
 LATE = {
     1: 1.0,
@@ -88,9 +91,11 @@ def exact_search(
             break
         grown.sort(key=lambda f: judge.criterion(f, baseline))
         believed = [f for f in grown if judge.better(_best_parent(fits, f, judge), f)]
-        if not believed:
-            break
         level = judge.criterion(grown[0], baseline)
+        # of two that are missing each may be hidden by what the other one leaves
+        hidden = depth == 0 and level < 0.0 and _far_from_noise(judge, baseline)
+        if not believed and not hidden:
+            break
         close = [f for f in _distinct(grown) if judge.criterion(f, baseline) < level + CLOSE]
         beam = close[:2]
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
@@ -106,10 +111,19 @@ def exact_search(
         fits.polish(made)
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
     best = _one_delay(fits, fits.polish(_pruned(fits, best, judge)), judge)
+    best = spring_of_position(fits, best, judge)
     if best is not baseline and not judge.better(baseline, best):
         best = baseline
     rivals = tuple(f for f in fits.known.values() if f is not best)
     return Outcome(baseline, best, rivals, best is not baseline)
+
+
+def _far_from_noise(judge: NoiseJudge, made: Fit) -> bool:
+    """Whether more than noise is left of the recordings that were fitted, by its size alone."""
+    rows = zip(judge.chi_squares(made), judge.segments, strict=True)
+    fitted = [(left, s.measured.size) for left, s in rows if not s.held_out]
+    count = sum(size for _, size in fitted)
+    return math.fsum(left for left, _ in fitted) > (1.0 + MORE) * count
 
 
 def _grow(fits: Fits, base: Fit, most: int) -> list[Fit]:

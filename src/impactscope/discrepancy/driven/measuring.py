@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BSpline, CubicSpline
 
 from impactscope.discrepancy.driven.terms import Term
 
@@ -27,6 +27,7 @@ __all__ = [
     'filter_of',
     'passed_on',
     'power_passed',
+    'power_retimed',
     'retimed',
     'step_of',
     'turned',
@@ -72,6 +73,9 @@ def step_of(samples: Array) -> float:
     return step if float(np.max(off)) < 0.02 * step + 2.0 * rounding else 0.0
 
 
+BELL = BSpline.basis_element(np.arange(-2.0, 3.0), False)  # of which a cubic spline is made
+
+
 def retimed(samples: Array, offset: float, drift: float, period: float) -> Array:
     """Samples that a clock with an error delivers: its stamp is t (1 + drift) + offset.
 
@@ -82,6 +86,26 @@ def retimed(samples: Array, offset: float, drift: float, period: float) -> Array
     time = period * np.arange(samples.size)
     spline = CubicSpline(time, samples)
     return np.asarray(spline(np.clip((time - offset) / (1.0 + drift), 0.0, time[-1])))
+
+
+def power_retimed(
+    terms: Sequence[Term], values: Mapping[str, float], frequency: Array, period: float
+) -> Array:
+    """Share of white noise's power that :func:`retimed` leaves at each frequency, shape (n,).
+
+    Between two samples a spline smooths: half a sample late, a quarter of it is gone.
+    """
+    share = np.ones(frequency.size)
+    for term in terms:
+        offset = values.get(f'{term.label}.offset', 0.0) if term.name == 'clock_error' else 0.0
+        part = (offset / period) % 1.0
+        if part == 0.0:
+            continue
+        taps = np.arange(-2, 3)
+        turn = np.exp(-2j * math.pi * np.outer(frequency * period, taps))
+        moved, still = (turn @ np.nan_to_num(BELL(taps + shift)) for shift in (part, 0.0))
+        share *= np.abs(moved / still) ** 2
+    return share
 
 
 def delayed(samples: Array, delay: float, period: float) -> Array:

@@ -13,7 +13,7 @@ from scipy import signal
 from impactscope.discrepancy.driven.case import Case
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.ladders import exact_terms
-from impactscope.discrepancy.driven.measuring import step_of
+from impactscope.discrepancy.driven.measuring import power_retimed, step_of
 from impactscope.discrepancy.driven.mechanics import Sizes
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment, inside_samples
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge
@@ -29,6 +29,7 @@ __all__ = ['plate_under_hammer', 'white_level']
 Array = NDArray[np.float64]
 
 ROUNDS = 4  # of knowing the noise and the plate
+BANDS = 256  # of the noise's spectrum
 
 
 def plate_under_hammer(
@@ -94,11 +95,14 @@ def plate_under_hammer(
 
 
 def _share_beyond(made: Fit, rate: float) -> float:
-    """Share of white noise that a fit's low-pass takes away; 0 without one."""
+    """Share of white noise that a fit's low-pass and clock take away; 0 without one."""
+    kept = 1.0
     for term in made.terms:
         if term.name == 'low_pass_filter':
-            return max(1.0 - 2.0 * made.values[f'{term.label}.cutoff'] / rate, 0.0)
-    return 0.0
+            kept *= min(2.0 * made.values[f'{term.label}.cutoff'] / rate, 1.0)
+    frequency = np.linspace(0.0, 0.5 * rate, BANDS)[1:-1]
+    clocked = power_retimed(made.terms, made.values, frequency, 1.0 / rate)
+    return 1.0 - kept * float(np.mean(clocked))
 
 
 def _phases(segment: Segment, force: HammerForce) -> tuple[Phase, ...]:

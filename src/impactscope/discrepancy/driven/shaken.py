@@ -19,7 +19,12 @@ from impactscope.discrepancy.driven.case import Case, throughout
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit
 from impactscope.discrepancy.driven.force import known_force
 from impactscope.discrepancy.driven.ladders import FRICTION, exact_terms
-from impactscope.discrepancy.driven.measuring import before_sampling, filter_of, power_passed
+from impactscope.discrepancy.driven.measuring import (
+    before_sampling,
+    filter_of,
+    power_passed,
+    power_retimed,
+)
 from impactscope.discrepancy.driven.mechanics import Sizes
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment, inside_samples
 from impactscope.discrepancy.driven.noise_judge import NoiseJudge, innovations
@@ -248,6 +253,7 @@ def _muffled(
             if filters:
                 frequency = np.linspace(0.0, 0.5 / s.period, share.size)[1:]
                 kept = power_passed(made.terms, made.values, frequency, 1.0 / s.period)
+                kept = kept * power_retimed(made.terms, made.values, frequency, s.period)
             if rough:
                 _, speed = linear.motion(made.values, made.terms, made.starts[i], s)
                 kept = kept * float(np.mean(speed != 0.0))

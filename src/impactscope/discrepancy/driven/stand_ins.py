@@ -6,6 +6,7 @@ Laws that are written in two ways, or that look alike as long as one effect is a
 from __future__ import annotations
 
 import itertools
+import math
 
 from impactscope.discrepancy.driven.decide import Judge
 from impactscope.discrepancy.driven.exact_fits import Fits
@@ -19,10 +20,12 @@ __all__ = [
     'other_friction',
     'other_levels',
     'plain_friction',
+    'spring_of_position',
 ]
 
 RELATIVES = ('stribeck_friction', 'asymmetric_friction')
 SLOW = ('offset', 'zero_drift', 'ac_coupling')
+AS_GOOD = 4.0  # of the criterion, within which two laws are one
 
 
 def plain_friction(fits: Fits, best: Fit, judge: Judge) -> Fit:
@@ -139,6 +142,27 @@ def other_levels(fits: Fits, best: Fit, judge: Judge) -> Fit:
             }
             fits.make(best, together, starts)
     return _best(fits, judge)
+
+
+def spring_of_position(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """A weak spring in the place of a coupling of a position that fades within no recording.
+
+    Of a mass with a damper they are one law, and what reads positions is not coupled.
+    """
+    old = next((t for t in best.terms if t.output and t.name == 'ac_coupling'), None)
+    spring = next((t for t in fits.model.terms if t.label == 'restoring_force'), None)
+    if old is None or spring is None or any(s.derivative != 0 for s in fits.segments):
+        return best
+    corner = 2.0 * math.pi * best.values[key(old, old.numbers[0])]
+    longest = max(s.measured.size * s.period for s in fits.segments)
+    rest = tuple(t for t in best.terms if t is not old)
+    if corner * longest > 1.0 or not all(spring.stands_with(t) for t in rest):
+        return best
+    initial = {key(spring, n): n.starts[0] for n in spring.numbers}
+    initial[key(spring, spring.numbers[0])] = best.values['damping'] * corner
+    made = fits.polish(fits.make(best, (*rest, spring), initial))
+    worse = judge.criterion(made, fits.baseline) - judge.criterion(best, fits.baseline)
+    return made if worse < AS_GOOD else best
 
 
 def _best(fits: Fits, judge: Judge) -> Fit:

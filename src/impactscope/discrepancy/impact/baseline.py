@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.discrepancy.campaign import Campaign, Quantity
+from impactscope.discrepancy.campaign import BaselineItem, Campaign, Quantity
 from impactscope.discrepancy.impact.bench_numbers import ADDED_WEIGHT, WEIGHT
 from impactscope.discrepancy.impact.data import BlowData, CampaignData
 from impactscope.discrepancy.impact.model import ActiveEffect, Free, ImpactModel
@@ -19,10 +20,12 @@ from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum
 
 Array = NDArray[np.float64]
 
-__all__ = ['STRUCTURE', 'baseline_model', 'implied_shares']
+__all__ = ['STRUCTURE', 'baseline_model', 'implied_shares', 'with_metal_that_lets_go']
 
 STRUCTURE = ('linear_sensor', 'zener_damper', 'hertz_contact')
 """What a baseline is built on, beside mechanisms."""
+
+LETS_GO = 'unilateral_contact'
 
 _SENSOR = {  # start values and relative scales where a number is to be estimated
     'stiffness': (69_000.0, 0.01, 1e2, 1e8),
@@ -31,6 +34,24 @@ _SENSOR = {  # start values and relative scales where a number is to be estimate
 }
 MOST_OF_TAP = 0.99e5  # N, what the simulation of a hammer takes
 _PENDULUM = ('rod_mass', 'rod_length', 'contact_distance', 'moving_mass')
+
+
+def with_metal_that_lets_go(campaign: Campaign) -> Campaign:
+    """The campaign, a bare contact in its baseline one-sided, and a note where that is not said.
+
+    Hertz's law holds for bodies that press on each other, and what rebounds with a restitution
+    lets go: `hertz_contact` without `unilateral_contact` is no simulation that pulls. Beside a
+    layer the names stay as they are.
+    """
+    names = campaign.baseline_names
+    if 'hertz_contact' not in names or {LETS_GO, 'zener_damper'} & set(names):
+        return campaign
+    note = f'hertz_contact is taken to push only, as {LETS_GO} in the baseline would say.'
+    return dataclasses.replace(
+        campaign,
+        baseline=(*campaign.baseline, BaselineItem(LETS_GO)),
+        notes=(*campaign.notes, note),
+    )
 
 
 def baseline_model(campaign: Campaign, data: CampaignData) -> ImpactModel:

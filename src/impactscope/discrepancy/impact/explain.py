@@ -22,7 +22,7 @@ from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.evidence import Thresholds
 from impactscope.discrepancy.impact.adequacy import TESTED, Adequacy, adequacy, law_instead
 from impactscope.discrepancy.impact.another_cut import with_later_cuts
-from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.baseline import baseline_model, with_metal_that_lets_go
 from impactscope.discrepancy.impact.bent_numbers import bent_numbers_told
 from impactscope.discrepancy.impact.conventions import (
     conventions_told,
@@ -74,6 +74,7 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
     """The answer for a campaign of blows on the bench; see :func:`explain`."""
     thresholds = Thresholds()
     progress(0.0, 'recordings')
+    campaign = with_metal_that_lets_go(campaign)
     data = prepare(campaign)
     outcome = _searched(campaign, data, thresholds, progress)
     near = outcome.final.reduced < _NOISE_AT_MOST
