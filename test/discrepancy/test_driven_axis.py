@@ -289,6 +289,19 @@ def test_a_stated_damping_that_is_wrong():
     assert found['ratio'].value == pytest.approx(0.75, rel=0.01)
 
 
+def test_a_gain_that_is_wrong_is_no_two_numbers_of_the_machine():
+    """A force that is stated too small makes all that it moves too light by the same factor."""
+    heavier = {
+        'moving_mass': {'value': 1.25 * MASS, 'std': 0.01 * MASS},
+        'damping': {'value': 1.25 * DAMPING, 'std': 0.04 * DAMPING},
+    }
+    answer = explain_driven(closed_loop(3, sensor=heavier))
+    assert answer.accepted == ('wrong_parameter',)
+    (found,) = answer.findings
+    assert found.parameters['name'].value == 'gain.force.drive'
+    assert found.parameters['ratio'].value == pytest.approx(1.25, rel=0.02)
+
+
 @pytest.mark.parametrize('seed', [21, 23])
 def test_an_encoder_that_wanders_slowly_is_nothing_that_is_missing(seed):
     """Its noise forgets within a second: slower than noise is taken for noise at first."""

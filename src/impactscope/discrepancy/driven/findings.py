@@ -40,6 +40,7 @@ HINT = 4.0  # chi-square a number that makes a richer rival more than a possibil
 AT_AN_END = 0.02  # of a number's scale, from the end of what it may be
 ONE_WAY = ('coulomb_friction', 'hysteresis', 'softening_spring', 'offset')  # friction, not turned
 SUSPECT = 4.0  # standard uncertainties between a stated and a fitted number
+SAME_FACTOR = 2.5  # the same, between numbers that are off by one factor
 
 
 def unknown_finding(verdict: Verdict) -> Finding:
@@ -407,31 +408,66 @@ def _overlapping(frequencies: Sequence[float], ratios: Sequence[float]) -> str:
 
 def wrong_parameters(s: Subject) -> list[Finding]:
     """Numbers that the campaign states and the recordings contradict."""
-    found = []
     values, certain = s.outcome.best.values, s.outcome.best.std
     beside = ', or the mass is not: they show over it alone' if swings_freely(s) else ''
+    ratios: dict[str, tuple[float, float]] = {}  # of the recordings' number to the stated one
+    wrong = []
     for name, fitted, stated, std in [] if s.modes is not None else _stated(s):
         if fitted not in values:
             continue
         value = values[fitted] + (1.0 if fitted.endswith('.excess') else 0.0)
         std = math.hypot(std, certain.get(fitted, 0.0))
         floor = 0.0 if s.case is not None else 0.005 * abs(stated)
+        ratios[name] = value / stated, std / abs(stated)
         if abs(value - stated) > SUSPECT * std + floor:
-            ratio = value / stated
-            found.append(
-                Finding(
-                    'wrong_parameter',
-                    1.0,
-                    'parameter',
-                    {
-                        'name': ParameterEstimate(name, 0.0, 'text'),
-                        'ratio': ParameterEstimate(ratio, std / abs(stated), '1'),
-                    },
-                    sentence=f'The stated {name} is not that of the recordings{beside}.',
-                    equation=f'{name} x {ratio:.4g}',
-                )
-            )
-    return found
+            wrong.append(name)
+    if len(wrong) > 1 and (gain := _common_gain(s, list(ratios.values()))) is not None:
+        return [gain]
+    return [
+        _wrong(name, *ratios[name], f'The stated {name} is not that of the recordings{beside}.')
+        for name in wrong
+    ]
+
+
+def _wrong(name: str, ratio: float, std: float, sentence: str) -> Finding:
+    return Finding(
+        'wrong_parameter',
+        1.0,
+        'parameter',
+        {
+            'name': ParameterEstimate(name, 0.0, 'text'),
+            'ratio': ParameterEstimate(ratio, std, '1'),
+        },
+        sentence=sentence,
+        equation=f'{name} x {ratio:.4g}',
+    )
+
+
+def _common_gain(s: Subject, ratios: Sequence[tuple[float, float]]) -> Finding | None:
+    """The gain of the input, where all that is stated is off by one factor; None where it is not.
+
+    A force that is stated too large by a factor makes mass, damping and stiffness too large by it.
+    """
+    drive = str(s.campaign.bench.get('input', ''))
+    if s.campaign.kind is not CampaignKind.DRIVEN or swings_freely(s) or not drive:
+        return None
+    worths = [1.0 / std**2 if std > 0.0 else math.inf for _, std in ratios]
+    if not all(map(math.isfinite, worths)):
+        return None
+    common = math.fsum(w * r for w, (r, _) in zip(worths, ratios, strict=True)) / math.fsum(worths)
+    if common <= 0.0 or any(abs(r - common) > SAME_FACTOR * std for r, std in ratios):
+        return None
+    controller = s.campaign.bench.get('controller')
+    own = isinstance(controller, Mapping) and 'gain' in controller
+    name = 'controller.gain' if own else f'gain.{drive}'
+    std = 1.0 / math.sqrt(math.fsum(worths)) / common**2
+    return _wrong(
+        name,
+        1.0 / common,
+        std,
+        f'All that is stated of the machine is off by one factor: the gain by which {drive} is '
+        'known is not that of the recordings.',
+    )
 
 
 def _stated(s: Subject) -> Iterator[tuple[str, str, float, float]]:
