@@ -300,6 +300,9 @@ def test_a_gain_that_is_wrong_is_no_two_numbers_of_the_machine():
     (found,) = answer.findings
     assert found.parameters['name'].value == 'gain.force.drive'
     assert found.parameters['ratio'].value == pytest.approx(1.25, rel=0.02)
+    saved = answer.model['corrected']  # as it goes with the force that was recorded
+    assert saved['sensor.moving_mass'] == pytest.approx(MASS, rel=0.01)
+    assert saved['sensor.damping'] == pytest.approx(DAMPING, rel=0.03)
 
 
 @pytest.mark.parametrize('seed', [21, 23])
