@@ -341,11 +341,13 @@ def _missed_early(outcome: Outcome, allowed: float) -> bool:
     first = held_out_fit(final, chosen, _FIRST_CONTACT)
     bare = 'contact.stiffness' in final.values
     if final.reduced < _WEAK and (bare or first is None or first.reduced > _WEAK):
-        outcome.notes.append(
+        note = (
             f'A held-out recording is missed by {math.sqrt(held.reduced):.3g} times the noise, '
             'though the fitted ones leave nothing but noise; that alone is no finding. Is it '
             'labelled rightly?'
         )
+        if note not in outcome.notes:
+            outcome.notes.append(note)
         return False
     return True
 
