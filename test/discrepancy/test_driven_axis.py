@@ -1,5 +1,7 @@
 """Axes in closed loop whose encoder steps, and a spring that yields."""
 
+import re
+
 import numpy as np
 import pytest
 from numba import njit
@@ -173,7 +175,9 @@ def test_a_weak_cogging_is_no_slow_noise():
     """The motion adds it up; what is left looks like noise that falls with the frequency."""
     answer = explain_driven(closed_loop(6, cogging=(0.02, 9.3e-3)))
     assert answer.accepted == ('unknown',)
-    assert 'a force that repeats every 0.0093' in answer.unexplained_description
+    law = re.search(r'a force that repeats every (\S+) m', answer.unexplained_description)
+    assert law is not None
+    assert float(law[1]) == pytest.approx(9.3e-3, rel=0.01)
 
 
 def test_a_cogging_of_many_teeth_is_not_nothing():

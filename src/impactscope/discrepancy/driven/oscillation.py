@@ -286,12 +286,13 @@ def reversed_channels(cuts: Sequence[Cut], *, spring: bool) -> tuple[str, ...]:
             if _agreement(mine) < -AGREES:
                 found.append(channel)
             continue
-        if spring:
-            tried = [(x.error, x.gain) for x in _scan(mine, spring=True)]
-        else:  # in spectra the ends of what rolls away are most of what is seen
-            tried = [(left, gain) for left, gain, _ in answers_in_time(mine)]
-        forward = min((left for left, gain in tried if gain > 0.0), default=math.inf)
-        if tried[0][1] < 0.0 and tried[0][0] < REVERSED * forward:
+        scanned = _scan(mine, spring=spring)
+        forward = min((x.error for x in scanned if x.gain > 0.0), default=math.inf)
+        if not (scanned[0].gain < 0.0 and scanned[0].error < REVERSED * forward):
+            continue
+        # in spectra the ends of what rolls away are most of what is seen, and in time a stop or a
+        # spring that is missing: where one of the two has the right sign, it is right
+        if spring or answers_in_time(mine)[0][1] < 0.0:
             found.append(channel)
     return tuple(found)
 
