@@ -293,6 +293,12 @@ def test_a_stated_damping_that_is_wrong():
     assert found['ratio'].value == pytest.approx(0.75, rel=0.01)
 
 
+def test_a_damping_that_is_stated_as_none_is_wrong_by_no_factor():
+    answer = explain_driven(closed_loop(3, sensor={'moving_mass': MASS, 'damping': 0.0}))
+    assert answer.accepted == ('wrong_parameter',)
+    assert answer.findings[0].parameters['name'].value == 'damping'
+
+
 def test_a_gain_that_is_wrong_is_no_two_numbers_of_the_machine():
     """A force that is stated too small makes all that it moves too light by the same factor."""
     heavier = {

@@ -96,6 +96,13 @@ def test_recordings_that_have_no_value_in_common_have_a_zero_each():
     ]
 
 
+def test_wheels_that_run_down_from_other_speeds_keep_their_zero():
+    time = np.arange(800) / RATE
+    speeds = [100.0 * np.exp(-0.1 * time), np.maximum(50.0 - 20.0 * time, 0.0)]
+    campaign = free(speeds, 'velocity.wheel', 'rad/s', 'linear_mass_damper')
+    assert with_rest_at_zero(campaign) is campaign
+
+
 def rolls(force, mass, damping):
     """Position, m, of a mass without a spring under a force that is held between samples."""
     keep = math.exp(-damping / mass / RATE)

@@ -164,8 +164,8 @@ def with_rest_at_zero(campaign: Campaign) -> Campaign:
 
     Only where no recording comes by the sensor's zero, for an encoder's zero may be anywhere, and
     a swing about anything else than its rest is none; nor does a speed or an acceleration swing
-    about another value than zero. What is a little off is found as such. Recordings that have no
-    value in common have a zero each: the sensor was moved, or is another one.
+    about another value than zero. What is a little off is found as such. Positions on a spring
+    that have no value in common have a zero each: the sensor was moved, or is another one.
     """
     bench = campaign.bench
     if campaign.kind is not CampaignKind.DRIVEN or str(bench.get('input', '')).lower() not in FREE:
@@ -174,7 +174,8 @@ def with_rest_at_zero(campaign: Campaign) -> Campaign:
     for name in (str(n) for n in bench['outputs']):
         swings = {r.file: r.channels[name] for r in campaign.recordings if name in r.channels}
         swings = {f: c for f, c in swings.items() if np.isfinite(c.values).any()}
-        places = _places(swings)
+        position = all(derivative_of(c.unit) == 0 for c in swings.values())
+        places = _places(swings) if position and sprung(campaign) else [swings] if swings else []
         for swung in places:
             ends = [
                 (float(np.nanmin(c.values)), float(np.nanmax(c.values))) for c in swung.values()

@@ -418,7 +418,7 @@ def wrong_parameters(s: Subject) -> list[Finding]:
         value = values[fitted] + (1.0 if fitted.endswith('.excess') else 0.0)
         std = math.hypot(std, certain.get(fitted, 0.0))
         floor = 0.0 if s.case is not None else 0.005 * abs(stated)
-        ratios[name] = value / stated, std / abs(stated)
+        ratios[name] = (value / stated, std / abs(stated)) if stated else (math.inf, math.inf)
         if abs(value - stated) > SUSPECT * std + floor:
             wrong.append(name)
     if len(wrong) > 1 and (gain := _common_gain(s, list(ratios.values()))) is not None:
@@ -451,9 +451,9 @@ def _common_gain(s: Subject, ratios: Sequence[tuple[float, float]]) -> Finding |
     drive = str(s.campaign.bench.get('input', ''))
     if s.campaign.kind is not CampaignKind.DRIVEN or swings_freely(s) or not drive:
         return None
-    worths = [1.0 / std**2 if std > 0.0 else math.inf for _, std in ratios]
-    if not all(map(math.isfinite, worths)):
+    if not all(0.0 < std < math.inf for _, std in ratios):
         return None
+    worths = [1.0 / std**2 for _, std in ratios]
     common = math.fsum(w * r for w, (r, _) in zip(worths, ratios, strict=True)) / math.fsum(worths)
     if common <= 0.0 or any(abs(r - common) > SAME_FACTOR * std for r, std in ratios):
         return None

@@ -151,7 +151,8 @@ def spring_of_position(fits: Fits, best: Fit, judge: Judge) -> Fit:
     """
     old = next((t for t in best.terms if t.output and t.name == 'ac_coupling'), None)
     spring = next((t for t in fits.model.terms if t.label == 'restoring_force'), None)
-    if old is None or spring is None or any(s.derivative != 0 for s in fits.segments):
+    position = fits.model.drifts and all(s.unit in ('m', 'rad') for s in fits.segments)
+    if old is None or spring is None or not position:
         return best
     corner = 2.0 * math.pi * best.values[key(old, old.numbers[0])]
     longest = max(s.measured.size * s.period for s in fits.segments)

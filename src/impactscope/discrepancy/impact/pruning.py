@@ -33,9 +33,7 @@ _TIED = 8.0  # of the criterion, within which one explanation does as well as an
 _STARTS = 2  # of a relative
 _AS_STATED = 1.0  # standard deviations within which a number is the stated one
 _LOST = 2.0  # reduced chi-square, over that of a finding, of a fit that has lost its way
-_STUCK = (
-    1.0  # of chi-square, by which a fuller law that explains no more has not left the plain one
-)
+_STUCK = 1.0  # of chi-square, less than which a fuller law has not left the plain one
 _PROMISING = 0.5  # of a finding's gain, from which a relative is fitted jointly
 
 
