@@ -11,7 +11,7 @@ import pytest
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.baseline import baseline_model, with_metal_that_lets_go
 from impactscope.discrepancy.impact.candidates import candidates
-from impactscope.discrepancy.impact.cold_start import cold_starts
+from impactscope.discrepancy.impact.cold_start import cold_starts, place
 from impactscope.discrepancy.impact.data import prepare
 from impactscope.discrepancy.impact.fit import at_point, fit
 from impactscope.discrepancy.impact.follow import (
@@ -62,6 +62,23 @@ def test_a_bare_contact_is_met_whatever_its_law(make_campaign, stiffness, restit
     held_out = held_out_fit(found, found.model.data.held_out)
     assert held_out is not None
     assert prediction_misfit(found, held_out) < 1.2
+
+
+def test_a_blow_is_placed_up_to_a_sample_after_it_is_seen(make_campaign):
+    contact = BareContact(4e7, restitution=0.7)
+    campaign = make_campaign(43, bare=contact, baseline=BARE, rate=1000.0)
+    data = prepare(campaign)
+    found = fit_baseline(baseline_model(campaign, data))
+    late = [
+        i for i in data.fitted if found.values[f'time@{i}'] - data.blows[i].onset > 3e-4
+    ]  # samples are 1 ms apart
+    assert late
+    x = found.x.copy()
+    for i in late:
+        x[found.model.index(f'time@{i}')] = data.blows[i].onset
+    moved = found.model.values(place(found.model, x, late))
+    for i in late:
+        assert moved[f'time@{i}'] == pytest.approx(found.values[f'time@{i}'], abs=5e-5)
 
 
 def test_taps_hold_the_bench_while_a_bare_contact_is_met(make_campaign):

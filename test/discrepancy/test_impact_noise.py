@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
-from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign import Campaign, ChannelSamples
 from impactscope.discrepancy.impact import noise
-from impactscope.discrepancy.impact.data import _first_sight, _onset
+from impactscope.discrepancy.impact.baseline import baseline_model
+from impactscope.discrepancy.impact.data import _first_sight, _onset, prepare
+from impactscope.discrepancy.impact.figures import rmse
+from impactscope.discrepancy.impact.follow import fit_baseline
 from impactscope.discrepancy.impact.noise import Colour, colour_of, whitener
 from impactscope.physics.twin.measurement import coloured_noise
 
@@ -167,3 +172,39 @@ def test_a_base_has_no_say_in_when_a_blow_begins_that_others_see() -> None:
     assert found == pytest.approx(2000 / RATE, abs=1e-3)
     struck_base = ChannelSamples('acceleration.base', 'm/s^2', RATE, 0.0, struck)
     assert _first_sight({'acceleration.base': struck_base}) == pytest.approx(found, abs=1e-3)
+
+
+@pytest.mark.parametrize('share', [0.0, 0.9])
+def test_errors_are_those_of_samples_and_the_floor_what_the_quiet_shows(
+    make_campaign: Callable[..., Campaign], share: float
+) -> None:
+    """Whether the noise is white or not a perfect model's RMSE is the noise of a sample."""
+    rng = np.random.default_rng(8)
+    campaign = make_campaign(41)
+
+    def added(count: int) -> Array:
+        drawn = remembering(share, count, rng)
+        return np.asarray(drawn / np.sqrt(np.mean(drawn**2)))
+
+    size = {'force': 1.0, 'acceleration.plate': 0.3, 'acceleration.impactor': 0.4}
+    recordings = tuple(
+        dataclasses.replace(
+            r,
+            channels={
+                n: dataclasses.replace(
+                    c, values=c.values + size.get(n, 0.2) * added(c.values.size)
+                )
+                for n, c in r.channels.items()
+            },
+        )
+        for r in campaign.recordings
+    )
+    noisy = dataclasses.replace(campaign, recordings=recordings)
+    data = prepare(noisy)
+    errors = rmse(fit_baseline(baseline_model(noisy, data)))
+    assert len(errors) == 4
+    for name, error in errors.items():
+        true = math.hypot(0.4 if name == 'force' else 0.08, size.get(name, 0.2))
+        # of samples that remember, 19 tell as much as one: of 2,600, and of 900 before the blows
+        assert error == pytest.approx(true, rel=0.2 if share else 0.05)
+        assert data.noise_floor[name] == pytest.approx(true, rel=0.25 if share else 0.08)

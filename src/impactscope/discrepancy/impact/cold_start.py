@@ -30,9 +30,10 @@ _BLUR = 5e-5  # s, of a moment, at first
 _CONTACT_FITS = 16  # starts for which a contact's law is fitted
 _AGAIN = 3  # times that blows which were missed are placed anew
 _MISSED = 2.0  # mean square of a blow's residuals, over that of the others, if it was missed
-_FINE_SHIFTS = np.arange(-6e-4, 6.05e-4, 1e-5).tolist()  # s
+_FINE, _FINE_REACH = 1e-5, 6e-4  # s, of moments about the one that was found
 _TOPS = 3  # of its moments that fit best
-_TIME_SHIFTS = (-4e-3, -2e-3, -1e-3, *np.arange(-5e-4, 2.1e-4, 5e-5).tolist())  # s
+_EARLIER = (-4e-3, -2e-3, -1e-3)  # s, of moments about the onset
+_CLOSE, _CLOSE_BEFORE, _CLOSE_AFTER = 5e-5, 5e-4, 2e-4  # s
 
 
 def cold_starts(model: ImpactModel) -> list[Array]:
@@ -203,7 +204,8 @@ def _missed(found: Fit) -> Array | None:
         place_of_time = alone.index(f'time@{i}')
         start = np.array([f.to_inner(values[f.key]) for f in own])
         costs = []
-        for shift in _FINE_SHIFTS:
+        reach = max(_FINE_REACH, _sample(model, i))
+        for shift in np.arange(-reach, reach + 0.5 * _FINE, _FINE).tolist():
             trial = start.copy()
             trial[place_of_time] += shift
             with contextlib.suppress(ImpactscopeError):
@@ -227,7 +229,9 @@ def place(model: ImpactModel, x: Array, chosen: Sequence[int], window: float = 0
     layout = model.layout(chosen, window)
     best = np.full(len(model.data.blows), math.inf)
     moved = x.copy()
-    for shift in _TIME_SHIFTS:
+    after = max(_CLOSE_AFTER, max((_sample(model, i) for i in layout.blows), default=0.0))
+    close = np.arange(-_CLOSE_BEFORE, after + 0.5 * _CLOSE, _CLOSE).tolist()
+    for shift in (*_EARLIER, *close):
         trial = x.copy()
         for i in layout.blows:
             trial[model.index(f'time@{i}')] = model.data.blows[i].onset + shift
@@ -242,3 +246,8 @@ def place(model: ImpactModel, x: Array, chosen: Sequence[int], window: float = 0
                 best[i] = cost
                 moved[model.index(f'time@{i}')] = trial[model.index(f'time@{i}')]
     return moved
+
+
+def _sample(model: ImpactModel, i: int) -> float:
+    """Time between samples of a blow, s: what is seen first may begin as much later."""
+    return 1.0 / max(c.sample_rate for c in model.data.blows[i].channels.values())

@@ -96,6 +96,7 @@ class CampaignData:
     blows: tuple[BlowData, ...]
     notes: tuple[str, ...] = ()
     noise: Mapping[str, float] = field(default_factory=dict)  # of a sample, by channel
+    noise_floor: Mapping[str, float] = field(default_factory=dict)  # as far as it can be seen
 
     @property
     def fitted(self) -> tuple[int, ...]:
@@ -155,6 +156,7 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
     only_before = ', '.join(name for name in colours if name not in slower)
     colours |= slower
     noise |= {name: colour.std for name, colour in colours.items()}
+    floor = noise | _seen(onsets, {n: c for n, c in colours.items() if n not in slower})
     if only_before:
         notes.append(
             f'The noise of {only_before} is not white before the blows: residuals are '
@@ -169,7 +171,7 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
     for name, lost in _WITHOUT.items():
         if name not in seen and (struck or name != 'acceleration.impactor'):
             notes.append(f'No recording has {name}: {lost}.')
-    return CampaignData(tuple(blows), tuple(notes), noise)
+    return CampaignData(tuple(blows), tuple(notes), noise, floor)
 
 
 # --- onset and noise -------------------------------------------------------------------------
@@ -291,21 +293,52 @@ def _colours(
     """Noise of the channels whose quiet before the blows is not white."""
     found = {}
     for name in CHANNELS:
-        quiet: dict[float, list[Array]] = {}
-        for recording, onset in onsets:
-            channel = recording.channels.get(name)
-            if channel is None or name in stated:
-                continue
-            count = int((onset - 2e-3 - channel.start) * channel.sample_rate)
-            before = channel.values[: max(count, 0)]
-            parts = _about_release(before) if name == 'acceleration.impactor' else [before]
-            quiet.setdefault(channel.sample_rate, []).extend(parts)
+        quiet = {} if name in stated else _quiet(onsets, name)
         if len(quiet) == 1:
             rate, stretches = next(iter(quiet.items()))
             colour = colour_of(stretches, rate, bent=name == 'acceleration.impactor')
             if colour is not None:
                 found[name] = colour
     return found
+
+
+def _seen(
+    onsets: Sequence[tuple[CampaignRecording, float]], colours: Mapping[str, Colour]
+) -> dict[str, float]:
+    """RMS of the noise before the blows, of channels where that is not white.
+
+    Its colour reckons with slower noise, too, than the quiet is long enough to show; but of an
+    impactor a polynomial may leave more of a swing than noise.
+    """
+    found = {}
+    for name, colour in colours.items():
+        squares, freedom = 0.0, 0
+        for stretch in (s for parts in _quiet(onsets, name).values() for s in parts):
+            if stretch.size > 2 and np.isfinite(stretch).all():
+                level = stretch - np.mean(stretch)
+                squares += float(level @ level)
+                freedom += stretch.size - 1
+        if freedom:
+            found[name] = math.sqrt(squares / freedom)
+            if name == 'acceleration.impactor':
+                found[name] = min(found[name], colour.std)
+    return found
+
+
+def _quiet(
+    onsets: Sequence[tuple[CampaignRecording, float]], name: str
+) -> dict[float, list[Array]]:
+    """What a channel shows before the blows, by its sample rate."""
+    quiet: dict[float, list[Array]] = {}
+    for recording, onset in onsets:
+        channel = recording.channels.get(name)
+        if channel is None:
+            continue
+        count = int((onset - 2e-3 - channel.start) * channel.sample_rate)
+        before = channel.values[: max(count, 0)]
+        parts = _about_release(before) if name == 'acceleration.impactor' else [before]
+        quiet.setdefault(channel.sample_rate, []).extend(parts)
+    return quiet
 
 
 def _about_release(before: Array) -> list[Array]:

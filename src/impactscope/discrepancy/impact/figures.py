@@ -14,7 +14,7 @@ from impactscope.discrepancy.impact.outcome import Outcome
 from impactscope.discrepancy.locate import Phase, Strip, phases
 from impactscope.physics.twin import layout as at
 
-__all__ = ['fit_table', 'pictures']
+__all__ = ['fit_table', 'pictures', 'rmse']
 
 Array = NDArray[np.float64]
 
@@ -24,8 +24,8 @@ def fit_table(data: CampaignData, outcome: Outcome) -> FitTable:
 
     def figures(fitted: Fit, held_out: Fit | None) -> FitFigures:
         return FitFigures(
-            rmse=_rmse(fitted),
-            held_out_rmse={} if held_out is None else _rmse(held_out),
+            rmse=rmse(fitted),
+            held_out_rmse={} if held_out is None else rmse(held_out),
             reduced_chi_square=fitted.reduced,
             held_out_reduced_chi_square=math.nan if held_out is None else held_out.reduced,
         )
@@ -33,7 +33,7 @@ def fit_table(data: CampaignData, outcome: Outcome) -> FitTable:
     return FitTable(
         figures(outcome.baseline, outcome.held_out_baseline),
         figures(outcome.final, outcome.held_out_final),
-        dict(data.noise),
+        dict(data.noise_floor),
     )
 
 
@@ -101,16 +101,10 @@ def pictures(outcome: Outcome) -> tuple[tuple[Trace, ...], list[Strip]]:
     return tuple(traces), strips
 
 
-def _rmse(fitted: Fit) -> dict[str, float]:
-    """RMSE of each channel, as that of single samples: bins count by what they tell."""
-    squares: dict[str, list[float]] = {}
-    for (i, name), span in fitted.layout.spans.items():
-        residual = fitted.residuals[span]
-        noise = fitted.model.data.blows[i].channels[name].noise
-        total = squares.setdefault(name, [0.0, 0.0])
-        total[0] += noise**2 * float(residual @ residual)
-        total[1] += residual.size
-    return {name: math.sqrt(s / n) for name, (s, n) in squares.items() if n}
+def rmse(fitted: Fit) -> dict[str, float]:
+    """RMSE of each channel over the samples that were fitted or predicted."""
+    squares = fitted.model.mean_squares(fitted.values, fitted.layout)
+    return {name: math.sqrt(square) for name, square in squares.items()}
 
 
 def _phases(kind: str, time: Array, x: Array, after: Fit, i: int) -> tuple[Phase, ...]:

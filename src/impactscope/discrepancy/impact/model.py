@@ -338,8 +338,39 @@ class ImpactModel:
             start=simulated.start,
         )
 
-    def _simulated(self, values: Mapping[str, float], i: int, until: float) -> _Simulated:
-        """The twin's outputs for blow ``i``, at the moments that its channels need."""
+    def mean_squares(self, values: Mapping[str, float], layout: Layout) -> dict[str, float]:
+        """Mean square of measured minus simulated samples, by channel, of a layout's bins.
+
+        A sample counts by what it can tell: less at a moment that no bench repeats, or right at
+        a reversal.
+        """
+        squares: dict[str, float] = {}
+        weights: dict[str, float] = {}
+        for i in layout.blows:
+            blow = self.data.blows[i]
+            simulated = self._simulated(values, i, layout.ends[i], tuple(blow.channels))
+            for name, channel in blow.channels.items():
+                tells = channel.own_std / channel.std
+                if name == 'acceleration.plate' and simulated.kinks.size:
+                    jump = simulated.jump / channel.std
+                    tells = softened(tells, jump, channel.centres, simulated.kinks)
+                weight = np.repeat(tells * layout.masks[i, name], channel.counts) ** 2
+                left = np.nan_to_num(channel.samples - self._samples(simulated, channel))
+                squares[name] = squares.get(name, 0.0) + float(weight @ left**2)
+                weights[name] = weights.get(name, 0.0) + float(np.sum(weight))
+        return {name: squares[name] / weight for name, weight in weights.items() if weight > 0.0}
+
+    def _simulated(
+        self,
+        values: Mapping[str, float],
+        i: int,
+        until: float,
+        every_sample: Sequence[str] = (),
+    ) -> _Simulated:
+        """The twin's outputs for blow ``i``, at the moments that its channels need.
+
+        ``every_sample``: channels of which every sample is wanted, whatever acts on them.
+        """
         blow = self.data.blows[i]
         chain = self._chain(values, i)
         start = values[f'time@{i}']
@@ -350,6 +381,7 @@ class ImpactModel:
             for n, e in chain.items()
             if n in blow.channels and any(k in _WHOLE for k, _ in e)
         }
+        whole = dict.fromkeys(every_sample, 1) | whole
         if shifted or whole:
             needed = i, *whole.items()
             kept = self.moments.get(needed) if not shifted else None
@@ -370,18 +402,26 @@ class ImpactModel:
             start=start,
         )
 
-    @staticmethod
-    def _mean(simulated: _Simulated, channel: BinnedChannel) -> Array:
+    def _mean(self, simulated: _Simulated, channel: BinnedChannel) -> Array:
         """Means of a channel over its bins, shape (n_bins,), after all that its chain does."""
+        samples = self._samples(simulated, channel)
+        if channel.name in simulated.whole:
+            return np.asarray(np.add.reduceat(samples, channel.edges) / channel.counts)
+        return channel.averaged(samples)
+
+    @staticmethod
+    def _samples(simulated: _Simulated, channel: BinnedChannel) -> Array:
+        """A channel after all that its chain does, at its samples where these were simulated.
+
+        Shape (n_samples,), or (n_nodes,) at its nodes.
+        """
         name = channel.name
         clean = simulated.gains[name] * simulated.rows[simulated.where[name], CHANNELS[name][1]]
         fine = simulated.whole.get(name, 1)
         moments = sample_moments(channel, fine) if name in simulated.whole else channel.nodes
         for kind, numbers in simulated.chain.get(name, ()):
             clean = distort(kind, clean, moments, channel, numbers, fine)
-        if name in simulated.whole:
-            return np.asarray(np.add.reduceat(clean[::fine], channel.edges) / channel.counts)
-        return channel.averaged(clean)
+        return np.asarray(clean[::fine])
 
     def _solve(self, par: Array, i: int, times: Array, start: float, until: float) -> _Solution:
         count = int(np.searchsorted(times, until + 0.01))
