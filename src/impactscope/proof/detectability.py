@@ -136,6 +136,20 @@ class Freedom:
         self.reference = samples(self.scenario, baseline)
         self._slopes = self._linearised(np.zeros(len(self.knobs)), self.reference)
 
+    @property
+    def sensitivities(self) -> Sequence[tuple[Array, list[int]]]:
+        """Of each recording: its samples by its knobs, in units of the noise, and which knobs."""
+        return self._slopes.blocks
+
+    def of_channels(self, blow: int) -> dict[str, slice]:
+        """Where the samples of each channel stand in a recording."""
+        places, begin = {}, 0
+        for channel in self.baseline.channels:
+            size = math.ceil(self.baseline.blows[blow].duration * self.baseline.rates[channel])
+            places[channel] = slice(begin, begin + size)
+            begin += size
+        return places
+
     def remainder(self, difference: Sequence[Array]) -> list[Array]:
         """What is left of a difference (noise units) after linear re-tuning; priors last."""
         change = np.zeros(len(self.knobs))
@@ -266,13 +280,8 @@ class Freedom:
     def _of_channel(self, name: str, blow: int, tuned: Array) -> Array:
         """The part of a recording that a channel's gain scales."""
         part = np.zeros_like(tuned)
-        begin = 0
-        for channel in self.baseline.channels:
-            rate = self.baseline.rates[channel]
-            size = math.ceil(self.baseline.blows[blow].duration * rate)
-            if channel == name:
-                part[begin : begin + size] = tuned[begin : begin + size]
-            begin += size
+        place = self.of_channels(blow)[name]
+        part[place] = tuned[place]
         return part
 
     def _tuned(self, change: Array, only: int = -1) -> Scenario:

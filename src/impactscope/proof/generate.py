@@ -20,6 +20,7 @@ from impactscope.errors import ConfigurationError
 from .campaign_folder import write_campaign
 from .draw import CATEGORIES, Concealed, draw
 from .evidence_map import evidence_map
+from .prediction_limit import prediction_limit
 from .sealed import open_sealed, seal
 
 __all__ = ['SHORT', 'answer_of', 'campaign_name', 'generate']
@@ -104,6 +105,7 @@ def answer_of(concealed: Concealed) -> dict[str, Any]:
             name: std * math.sqrt(concealed.truth.colour(name).variance)
             for name, std in concealed.truth.noise.items()
         },
+        'prediction_limit': prediction_limit(concealed.truth),
         'colours': {n: c._asdict() for n, c in concealed.truth.colours.items()},
         'tolerated': ['quantisation'] if _with_steps(concealed) else [],
         'evidence': evidence_map(concealed) if concealed.detectability >= 1 else {},

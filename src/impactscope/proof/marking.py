@@ -43,6 +43,7 @@ class Mark:
     parameter_errors: dict[str, float] = field(default_factory=dict)
     covered: dict[str, bool] = field(default_factory=dict)
     held_out_ratio: float | None = None
+    held_out_limit: float | None = None  # of that ratio, which the best fits keep in 95 %
     probability: float | None = None
     unknown: bool | None = None
     parameter_named: bool | None = None
@@ -129,6 +130,7 @@ def mark(
             if result.parameter_named:
                 _mark_parameters(result, parts[0], entry['wrong_parameter'])
     result.held_out_ratio = _held_out(reply.get('fit') or {}, answer.get('noise') or {})
+    result.held_out_limit = _number(answer.get('prediction_limit'))
     return result
 
 

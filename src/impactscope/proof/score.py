@@ -107,7 +107,10 @@ def score(marks: Sequence[Mark]) -> Score:
     coverage = share(sum(covered), len(covered))
     shares.append(('true parameter inside 95 % interval', "d' 5 and more", coverage))
     held = [m for m in marks if m.held_out_ratio is not None]
-    add('held-out RMSE within 1.1 of noise', 'all', held, lambda m: _close(m.held_out_ratio))
+    for where, of in (('all', held), ("d' 5 and more", [m for m in held if m in strong])):
+        add('held-out RMSE within 1.1 of noise', where, of, lambda m: _close(m, 1.0))
+        able = [m for m in of if m.held_out_limit is not None]
+        add('held-out RMSE, 1.1 of what data allow', where, able, _as_near_as_can_be)
     add('answered', 'all', marks, lambda m: m.answered)
     add('answered within 60 s', 'all', marks, lambda m: m.answered and m.seconds <= 60)
     medians = (
@@ -168,8 +171,12 @@ def _right(m: Mark) -> bool:
     return bool(m.unknown if m.category == 'outside' else m.right_set)
 
 
-def _close(ratio: float | None) -> bool:
-    return ratio is not None and ratio <= 1.1
+def _close(m: Mark, limit: float) -> bool:
+    return m.held_out_ratio is not None and m.held_out_ratio <= 1.1 * limit
+
+
+def _as_near_as_can_be(m: Mark) -> bool:
+    return _close(m, m.held_out_limit or 1.0)
 
 
 def _visible(m: Mark) -> float:
