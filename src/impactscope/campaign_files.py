@@ -90,7 +90,8 @@ def _joined(name: str, blocks: Sequence[SampleBlock], origin_ns: int, file: str)
 def load_campaign(path: Path | str, *, samples: bool = True) -> Campaign:
     """A campaign from its folder (or its file), with the samples of its recordings.
 
-    Raises ConfigurationError for what is wrong in the file, RecordingError for recordings.
+    Raises ConfigurationError for what is wrong in the file, RecordingError for recordings,
+    MissingChannelError where one lacks what the file names.
     """
     file, data = _description(Path(path))
     folder = file.resolve().parent
@@ -111,7 +112,9 @@ def load_campaign(path: Path | str, *, samples: bool = True) -> Campaign:
             raise ConfigurationError(f'{campaign.name}: {name!r} {what}')
         return read_channels(target)
 
-    return campaign.with_samples(load)
+    loaded = campaign.with_samples(load)
+    loaded.check_recordings()
+    return loaded
 
 
 def explain_folder(

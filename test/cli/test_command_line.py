@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import re
+import shutil
 import subprocess
 import sys
 
@@ -293,10 +294,36 @@ def test_a_campaign_is_checked_without_a_search(capsys, tmp_path):
     code, out, _ = run(capsys, 'explain', bags_folder() / 'pendulum_campaign.yaml', '--check')
     assert code == 0
     assert 'driven, the simulation has linear_sensor' in out
-    assert '(hold_out) displacement.angle: -2.3' in out
-    assert 'rad, 5 s at 1000 Hz' in out
+    assert '(hold_out) displacement.angle: -1.4' in out
+    assert 'rad, 3.2 s at 1000 Hz, the part from 1.8' in out
     assert 'found' not in out
     (tmp_path / 'campaign.yaml').write_text('version: 1\n', encoding='utf-8')
     code, _, err = run(capsys, 'explain', tmp_path, '--check')
     assert code != 0
     assert 'bench' in err
+
+
+@pytest.mark.parametrize(
+    ('part', 'output', 'told'),
+    [
+        ('start: 1.5, end: 2.5', 'displacement.angle', ''),
+        ('start: 60', 'displacement.angle', 'start is 60 s; pendulum_swing_01.mcap ends at 5 s'),
+        ('start: 4, end: 3', 'displacement.angle', 'ends at 3 s, before it starts at 4 s'),
+        ('start: 1', 'displacement.angel', "no channel 'displacement.angel'; it has disp"),
+    ],
+    ids=['a part', 'behind the end', 'backwards', 'a channel that is not there'],
+)
+def test_a_check_holds_the_recordings_against_the_file(capsys, tmp_path, part, output, told):
+    shutil.copy(bags_folder() / 'pendulum_swing_01.mcap', tmp_path)
+    (tmp_path / 'campaign.yaml').write_text(
+        'version: 1\n'
+        f'bench: {{kind: driven, input: none, outputs: [{output}]}}\n'
+        'baseline: [linear_sensor]\n'
+        f'recordings:\n- {{file: pendulum_swing_01.mcap, role: fit, {part}}}\n',
+        encoding='utf-8',
+    )
+    code, out, err = run(capsys, 'explain', tmp_path, '--check')
+    assert (code != 0) == bool(told)
+    assert told in ' '.join(err.split())
+    if not told:
+        assert ', 1 s at 1000 Hz, the part from 1.5 to 2.499 s' in ' '.join(out.split())

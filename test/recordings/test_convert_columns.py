@@ -190,7 +190,7 @@ def test_times_that_are_not_uniform_are_refused(tmp_path):
     uniform = np.arange(100) / 1000.0
     late = uniform.copy()
     late[40] += 0.0005
-    with pytest.raises(InputError, match=r'not uniform at 1000 Hz: row 40 is 0\.0005 s off, 0\.5'):
+    with pytest.raises(InputError, match=r'1000 Hz: row 40 comes 0\.0005 s, 0\.5 sample'):
         attempt(late)
     back = uniform.copy()
     back[7] = back[5]
@@ -198,8 +198,11 @@ def test_times_that_are_not_uniform_are_refused(tmp_path):
         attempt(back)
     hole = uniform.copy()
     hole[3] = np.nan
-    with pytest.raises(InputError, match='row 3: the time is nan'):
+    with pytest.raises(InputError, match=r'row 3: the time is nan; take .*--sample-rate'):
         attempt(hole)
+    hole[3], hole[-1] = uniform[3], np.nan
+    with pytest.raises(InputError, match='row 99: the time is nan'):
+        attempt(hole)  # its number would be lost
     with pytest.raises(InputError, match='not uniform at 999 Hz'):
         attempt(np.arange(2000) / 1000.0, sample_rate=999.0)
     with pytest.raises(InputError, match='not uniform at 1 Hz'):
@@ -875,3 +878,20 @@ def test_a_first_time_out_of_step_is_left_out_with_its_row(tmp_path, heading, od
         InputError, match=r'out of step.* leave .* rows? out$|leave so many rows out$'
     ):
         convert(tmp_path / 'a.npy', tmp_path / 'b.mcap', mapping)
+
+
+@pytest.mark.parametrize('uneven', [False, True])
+def test_a_shorter_run_beside_a_longer_one_ends_where_it_ends(tmp_path, uneven):
+    """Two runs side by side, each with its times; the cells below the shorter are empty."""
+    rows = ['t1,x1,t2,x2']
+    for i in range(40):
+        short = f'{i / 100 + 0.003 * uneven * (i % 2)},{i}' if i < 25 else ','
+        rows.append(f'{i / 100},{-i},{short}')
+    (tmp_path / 'runs.csv').write_text('\n'.join(rows) + '\n')
+    mapping = ColumnMapping((ColumnSpec('force', 'x2', 'N'),), time='t2', resample=uneven)
+    done = convert(tmp_path / 'runs.csv', tmp_path / 'b.mcap', mapping)
+    assert done.counts[0] == pytest.approx(25, abs=1)
+    assert done.notes == ('15 rows at the end hold no time and no number: left out',)
+    values = read_channels(tmp_path / 'b.mcap')['force'].values
+    assert np.isfinite(values).all()
+    assert values[-1] == pytest.approx(24.0, abs=0.5)

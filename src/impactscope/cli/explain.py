@@ -83,8 +83,14 @@ def print_campaign(campaign: 'Campaign') -> None:
     for recording in campaign.recordings:
         kind = f', {recording.kind}' if recording.kind else ''
         out.print(f'{escape(recording.file)} ({recording.role.value}{escape(kind)})')
+        cut = math.isfinite(recording.start) or math.isfinite(recording.end)
         for channel in recording.channels.values():
-            values = channel.values
+            inside = recording.inside(channel.time)
+            values = channel.values[inside]
+            part = ''
+            if cut and values.size:
+                begin, end = channel.time[inside][[0, -1]]
+                part = f', the part from {begin:.4g} to {end:.4g} s'
             lost = int(np.isnan(values).sum())
             clipped = int(((values <= channel.range_min) | (values >= channel.range_max)).sum())
             ends = 'no number'
@@ -92,7 +98,7 @@ def print_campaign(campaign: 'Campaign') -> None:
                 ends = f'{np.nanmin(values):.4g} to {np.nanmax(values):.4g}'
             out.print(
                 f'  {escape(channel.name)}: {ends} {escape(channel.unit)}, '
-                f'{values.size / channel.sample_rate:.4g} s at {channel.sample_rate:.6g} Hz'
+                f'{values.size / channel.sample_rate:.4g} s at {channel.sample_rate:.6g} Hz{part}'
                 + (f', [bold]{lost} samples lost[/bold]' if lost else '')
                 + (f', [bold]{clipped} clipped[/bold]' if clipped else '')
             )

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.errors import ConfigurationError
+from impactscope.errors import ConfigurationError, MissingChannelError
 from impactscope.physics.pendulum import Orientation
 from impactscope.records import ImpactEvent
 
@@ -32,6 +32,7 @@ __all__ = [
     'Role',
 ]
 
+_NO_INPUT = ('', 'none', 'null')  # as the file may say it
 DEFAULT_GAIN_STD = {'force': 0.003, 'acceleration': 0.005}
 DEFAULT_ANGLE_STD_DEG = 0.1
 DEFAULT_STD = {'effective_mass': 0.02, 'speed': 0.02, 'drop_height': 0.04}  # relative
@@ -106,6 +107,22 @@ class CampaignRecording:
         """Standard deviation of ``effective_mass``, ``speed`` or ``drop_height``."""
         return self.std.get(name, DEFAULT_STD[name] * float(getattr(self, name)))
 
+    def channel(self, name: str) -> ChannelSamples:
+        """A channel by its name; MissingChannelError names those that are there instead."""
+        try:
+            return self.channels[name]
+        except KeyError:
+            there = ', '.join(sorted(self.channels)) or 'none'
+            raise MissingChannelError(
+                f'{self.file} has no channel {name!r}; it has {there}'
+            ) from None
+
+    def inside(self, time: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which moments, s, are of the part to look at, shape as ``time``."""
+        begin = self.start - 1e-9 if math.isfinite(self.start) else -math.inf
+        end = self.end if math.isfinite(self.end) else math.inf
+        return np.asarray((time >= begin) & (time < end))
+
     @property
     def duration(self) -> float:
         """Length of the longest channel, s."""
@@ -179,6 +196,37 @@ class Campaign:
             if progress is not None:
                 progress((i + 1) / len(self.recordings))
         return dataclasses.replace(self, recordings=tuple(filled))
+
+    @property
+    def input_channel(self) -> str:
+        """Channel of what drives the machine; empty where it swings freely."""
+        named = str(self.bench.get('input') or '')
+        return '' if named.lower() in _NO_INPUT else named
+
+    @property
+    def named_channels(self) -> tuple[str, ...]:
+        """Channels that the bench names, of which every recording must have each."""
+        if self.kind is CampaignKind.IMPACT:
+            return ()
+        outputs = self.bench.get('outputs', ())
+        single = [self.input_channel, *(self.bench.get(key) for key in ('motion', 'output'))]
+        named = [*single, *(outputs if isinstance(outputs, list) else ())]
+        return tuple(str(name) for name in named if name)
+
+    def check_recordings(self) -> None:
+        """Hold the samples against the description.
+
+        Raises MissingChannelError where a recording lacks what the bench names, ConfigurationError
+        where the part of it to look at begins behind its end.
+        """
+        for i, recording in enumerate(self.recordings):
+            for name in self.named_channels:
+                recording.channel(name)
+            if recording.start >= recording.duration > 0.0:
+                raise ConfigurationError(
+                    f'{self.name}: recordings[{i}].start is {recording.start:g} s; '
+                    f'{recording.file} ends at {recording.duration:.4g} s'
+                )
 
     def with_events(self, events: Sequence[ImpactEvent]) -> Campaign:
         """The campaign as far as blows were taken: the n-th recording is the n-th event.

@@ -331,6 +331,11 @@ def _recordings(
             for key in _RECORDING_NUMBERS
         }
         numbers = {key: q.value for key, q in quantities.items() if q.known}
+        if numbers.get('start', -math.inf) >= numbers.get('end', math.inf):
+            raise ConfigurationError(
+                f'{item.where} ends at {numbers["end"]:g} s, before it starts at '
+                f'{numbers["start"]:g} s'
+            )
         std = {key: quantities[key].std for key in DEFAULT_STD if quantities[key].std > 0}
         damper = item.take('damper', True)
         if not isinstance(damper, bool):

@@ -18,7 +18,7 @@ from impactscope.version import __version__
 
 from .column_files import ColumnFile, read_columns
 from .column_mapping import ColumnMapping, ColumnSpec
-from .even_grid import BACKWARDS_REMEDY, even_grid, refuse_unordered
+from .even_grid import BACKWARDS_REMEDY, NO_TIME_REMEDY, even_grid, refuse_unordered
 from .info import file_sha256
 from .units import to_si
 from .writer import RecordingWriter
@@ -121,11 +121,20 @@ def convert(
                 f'column {spec.column!r} of {source.name!r} has {len(values)} rows, '
                 f'column {channels[0][0].column!r} has {count}'
             )
+    if count == 0:
+        raise InputError(f'{source.name!r} holds no samples')
+    times, notes = None, []
+    if mapping.time is not None:
+        times = _times(file, mapping, count)
+        rows = _rows_in_use(times, [values for _, values in channels])
+        if rows < count:
+            notes.append(f'{count - rows} rows at the end hold no time and no number: left out')
+            times, channels = times[:rows], [(spec, v[:rows]) for spec, v in channels]
     resampling: dict[str, str] = {}
-    if mapping.resample:
-        series, resampling['resampled'] = _on_even_grids(file, mapping, channels)
+    if mapping.resample and times is not None:
+        series, resampling['resampled'] = _on_even_grids(file, mapping, channels, times)
     else:
-        series = _at_even_rows(channels, _sample_rate(file, mapping, count, time_tolerance))
+        series = _at_even_rows(channels, _sample_rate(file, mapping, times, time_tolerance))
     provenance = {
         **mapping.provenance,
         **resampling,
@@ -160,8 +169,14 @@ def convert(
         tuple(one.rate for one in series),
         tuple(one.values.size for one in series),
         flags,
-        tuple(note for one in series for note in _seen(one, mapping.resample)),
+        (*notes, *(note for one in series for note in _seen(one, mapping.resample))),
     )
+
+
+def _rows_in_use(times: NDArray[np.float64], columns: list[NDArray[np.float64]]) -> int:
+    """Rows up to the last that has a time or a number: shorter runs beside longer ones end so."""
+    held = np.isfinite(times) | np.any(np.isfinite(columns), axis=0)
+    return int(np.flatnonzero(held)[-1]) + 1 if np.count_nonzero(held) > 1 else len(times)
 
 
 def _times(file: ColumnFile, mapping: ColumnMapping, count: int) -> NDArray[np.float64]:
@@ -203,10 +218,12 @@ def _at_even_rows(channels: list[_Column], rate: float) -> list[_Series]:
 
 
 def _on_even_grids(
-    file: ColumnFile, mapping: ColumnMapping, channels: list[_Column]
+    file: ColumnFile,
+    mapping: ColumnMapping,
+    channels: list[_Column],
+    times: NDArray[np.float64],
 ) -> tuple[list[_Series], str]:
     """Columns of uneven times on an even grid for each rate, and what was done."""
-    times = _times(file, mapping, len(channels[0][1]))
     rows = [_rows_of(values) for _, values in channels]
     found: dict[str, _Series] = {}
     told = []
@@ -277,14 +294,19 @@ def _block(series: _Series, first: int, end: int, start_ns: int) -> SampleBlock:
     )
 
 
-def _sample_rate(file: ColumnFile, mapping: ColumnMapping, count: int, tolerance: float) -> float:
+def _sample_rate(
+    file: ColumnFile,
+    mapping: ColumnMapping,
+    times: NDArray[np.float64] | None,
+    tolerance: float,
+) -> float:
     """Rate in Hz: as given, or of the time column, which must be uniform."""
     name = file.path.name
-    if mapping.time is None:
-        if mapping.sample_rate is None or count == 0:
-            raise InputError(f'{name!r} holds no samples')
+    if times is None:
+        if mapping.sample_rate is None:
+            raise InputError(f'{name!r} has no column of times, and no sample rate is given')
         return mapping.sample_rate
-    times = _times(file, mapping, count)
+    count = len(times)
     fault = _fault_of(times, mapping.sample_rate, tolerance)
     if not fault:
         return _rate_of(times, mapping.sample_rate)
@@ -312,7 +334,7 @@ def _fault_of(times: NDArray[np.float64], rate: float | None, tolerance: float) 
     """Why times in s are not even at a rate in Hz, or at any; empty where they are."""
     bad = np.flatnonzero(~np.isfinite(times))
     if bad.size:
-        return f', row {bad[0]}: the time is {times[bad[0]]}'
+        return f', row {bad[0]}: the time is {times[bad[0]]}; {NO_TIME_REMEDY}'
     back = np.flatnonzero(np.diff(times) <= 0)
     if back.size:
         row = int(back[0]) + 1
@@ -327,8 +349,9 @@ def _fault_of(times: NDArray[np.float64], rate: float | None, tolerance: float) 
     worst = int(np.argmax(deviation))
     if deviation[worst] > tolerance / rate:
         return (
-            f': times are not uniform at {rate:.9g} Hz: row {worst} is '
-            f'{deviation[worst]:.3g} s off, {deviation[worst] * rate:.2g} sample periods'
+            f': times are not uniform at {rate:.9g} Hz: row {worst} comes '
+            f'{deviation[worst]:.3g} s, {deviation[worst] * rate:.2g} sample periods, from where '
+            'even rows would have it'
             f'{_RESAMPLE}'
         )
     return ''

@@ -17,13 +17,24 @@ from scipy.interpolate import PchipInterpolator
 
 from impactscope.errors import InputError
 
-__all__ = ['BACKWARDS_REMEDY', 'LOST', 'EvenGrid', 'even_grid', 'refuse_unordered']
+__all__ = [
+    'BACKWARDS_REMEDY',
+    'LOST',
+    'NO_TIME_REMEDY',
+    'EvenGrid',
+    'even_grid',
+    'refuse_unordered',
+]
 
 Array = NDArray[np.float64]
 
 LOST = 10.5  # median intervals without a sample: samples were lost, not late
 BACKWARDS_REMEDY = (
     'cut the file there, or where its rows are evenly sampled give sample_rate (--sample-rate) '
+    'in place of the time column'
+)
+NO_TIME_REMEDY = (
+    'take such rows out, or where all rows are evenly sampled give sample_rate (--sample-rate) '
     'in place of the time column'
 )
 
@@ -52,7 +63,7 @@ def refuse_unordered(times: Array) -> None:
     """Raise InputError where times in s, shape (n,), run backwards or are not finite."""
     if not np.all(np.isfinite(times)):
         row = int(np.flatnonzero(~np.isfinite(times))[0])
-        raise InputError(f'row {row}: the time is {times[row]}')
+        raise InputError(f'row {row}: the time is {times[row]}; {NO_TIME_REMEDY}')
     steps = np.diff(times)
     if np.any(steps < 0.0):
         row = int(np.flatnonzero(steps < 0.0)[0]) + 1

@@ -28,7 +28,6 @@ from impactscope.discrepancy.driven.terms import Term
 from impactscope.errors import ConfigurationError
 
 __all__ = [
-    'FREE',
     'MOST_OF_PLATE',
     'Start',
     'gain_tolerance',
@@ -44,7 +43,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-FREE = ('', 'none', 'null')
 LINEAR = (
     'linear_sensor',
     'linear_mass_damper',
@@ -74,8 +72,7 @@ def linear_start(campaign: Campaign, notes: list[str]) -> Start:
         names = [str(bench['output'])], str(bench['input'])
         parts = cuts(campaign, *names, notes, MOST_OF_PLATE)
         return Start(parts, *linear_chain(parts))
-    drive = str(bench.get('input', ''))
-    drive = '' if drive.lower() in FREE else drive
+    drive = campaign.input_channel
     parts = cuts(campaign, [str(name) for name in bench['outputs']], drive, notes)
     spring = sprung(campaign)
     held = held_between_samples(campaign)
@@ -145,8 +142,8 @@ def with_right_signs(campaign: Campaign) -> Campaign:
         against = force_counts_against(cuts(campaign, outputs, drive, []))
         turned = tuple(outputs) if against else ()
     elif campaign.kind is CampaignKind.DRIVEN:
-        drive = str(campaign.bench.get('input', ''))
-        if drive.lower() in FREE:
+        drive = campaign.input_channel
+        if not drive:
             return campaign
         outputs = [str(name) for name in campaign.bench['outputs']]
         parts = cuts(campaign, outputs, drive, [])
@@ -168,7 +165,7 @@ def with_rest_at_zero(campaign: Campaign) -> Campaign:
     that have no value in common have a zero each: the sensor was moved, or is another one.
     """
     bench = campaign.bench
-    if campaign.kind is not CampaignKind.DRIVEN or str(bench.get('input', '')).lower() not in FREE:
+    if campaign.kind is not CampaignKind.DRIVEN or campaign.input_channel:
         return campaign
     changed = campaign
     for name in (str(n) for n in bench['outputs']):

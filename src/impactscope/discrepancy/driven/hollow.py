@@ -9,7 +9,6 @@ import numpy as np
 
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import Campaign
-from impactscope.discrepancy.driven.baseline import FREE
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.search import Outcome
@@ -69,8 +68,8 @@ def of_what_is_explained(
     little = fitted > LITTLE * before[0] and predicted >= LITTLE * before[1]
     if fitted < HALF_OF_IT or not (little or max(fitted, predicted) > NEXT_TO_NOTHING):
         return outcome
-    drive = str(campaign.bench.get('input', ''))
-    cause = 'no free oscillation' if drive.lower() in FREE else f'not the answer to {drive} alone'
+    drive = campaign.input_channel
+    cause = f'not the answer to {drive} alone' if drive else 'no free oscillation'
     names = ', '.join(dict.fromkeys(s.channel for s in segments))
     ahead = f' and {predicted:.2g} where it was predicted' if predicted else ''
     notes.append(

@@ -52,16 +52,6 @@ def derivative_of(unit: str) -> int:
     return _DERIVATIVES.get(unit, 0)
 
 
-def _channel(recording: CampaignRecording, name: str) -> ChannelSamples:
-    try:
-        return recording.channels[name]
-    except KeyError:
-        there = ', '.join(sorted(recording.channels)) or 'none'
-        raise MissingChannelError(
-            f'{recording.file} has no channel {name!r}; it has {there}'
-        ) from None
-
-
 def _longest_finite(values: Array) -> tuple[int, int]:
     """Bounds of the longest stretch without a missing sample."""
     finite = np.isfinite(values).astype(np.int8)
@@ -76,21 +66,19 @@ def _longest_finite(values: Array) -> tuple[int, int]:
 def _cut(
     campaign: Campaign, recording: CampaignRecording, output: str, drive: str, notes: list[str]
 ) -> Cut | None:
-    channel = _channel(recording, output)
-    source = _channel(recording, drive) if drive else None
+    channel = recording.channel(output)
+    source = recording.channel(drive) if drive else None
     period = 1.0 / channel.sample_rate
     time: Array = channel.time
     values = channel.values.astype(np.float64)
-    begin = recording.start if math.isfinite(recording.start) else -math.inf
-    end = recording.end if math.isfinite(recording.end) else math.inf
-    inside = (time >= begin - 1e-9) & (time < end)
+    inside = recording.inside(time)
+    asked = int(np.count_nonzero(inside))
     driving: Array | None = None
     if source is not None:
         driving = _on_grid(source, time, period)
         inside &= np.isfinite(driving)
     usable = np.where(inside, values, np.nan)
     first, last = _longest_finite(usable)
-    asked = int(np.count_nonzero((time >= begin - 1e-9) & (time < end)))
     if last - first < LEAST_SAMPLES:
         notes.append(
             f'{recording.file}: {output} has only {last - first} samples in one piece; '

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impactscope.discrepancy.answer import Answer, Finding, Mismatch, ParameterEstimate, Region
 from impactscope.discrepancy.campaign import Campaign, CampaignKind, Role
-from impactscope.discrepancy.driven.baseline import FREE, linear_start
+from impactscope.discrepancy.driven.baseline import linear_start
 from impactscope.discrepancy.driven.fitting import Fit
 from impactscope.discrepancy.driven.model import Segment
 from impactscope.discrepancy.driven.moved import PARTS, moved_case
@@ -125,8 +125,8 @@ def _ends(campaign: Campaign) -> tuple[str, list[str]] | None:
         return str(bench['motion']), [str(bench['output'])]
     if campaign.kind is CampaignKind.CHAIN:
         return str(bench['input']), [str(bench['output'])]
-    drive = str(bench.get('input', ''))
-    if campaign.kind is not CampaignKind.DRIVEN or drive.lower() in FREE:
+    drive = campaign.input_channel
+    if campaign.kind is not CampaignKind.DRIVEN or not drive:
         return None
     return drive, [str(name) for name in bench['outputs']]
 
