@@ -98,6 +98,16 @@ def test_a_coloured_noise_is_known_no_better_than_the_quiet_tells_it(make_campai
                 louder[span] += np.sqrt(share) * more
         tests = _tested_fit(dataclasses.replace(fit, residuals=louder), laws=False)
         assert (tests.p_values['acceleration.impactor below 400 Hz'] < 1e-4) is told
+    # what is slower than the quiet can show is only presumed of its colour
+    for frequency, told in ((12.0, False), (52.0, True)):
+        waving = fit.residuals.copy()
+        for (i, name), span in fit.layout.spans.items():
+            if name == 'acceleration.impactor':
+                centres = fit.model.data.blows[i].channels[name].centres
+                moments = centres[fit.layout.masks[i, name]]
+                waving[span] += 2.0 * np.sin(2.0 * np.pi * frequency * moments)
+        tests = _tested_fit(dataclasses.replace(fit, residuals=waving), laws=False)
+        assert (tests.p_values['acceleration.impactor below 60 Hz'] < 1e-4) is told
 
 
 def test_what_rattles_after_a_blow_is_no_noise(make_campaign):

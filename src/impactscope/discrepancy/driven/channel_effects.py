@@ -19,6 +19,7 @@ FADES = 0.003  # least corner times recording of a coupling with a memory of its
 DELAY = 0.02  # s
 TAP = 'a hard tap in both channels'
 FLAT = (0.999, 0.99, 0.97, 0.93, 0.85, 0.7, 0.5)  # of the largest sample: where it may be cut off
+_LOWEST_FLAT = 0.25  # likewise: single samples may stand out of it, but not all of the signal
 
 
 def _ladder(low: float, high: float, steps: int) -> tuple[float, ...]:
@@ -233,7 +234,14 @@ def channel_terms(
                 'clip to +-limit',
                 'the hardest blow: a flat top',
             ),
-            Number('limit', unit, tuple(peak * s for s in FLAT), 0.01 * peak, 0.0, 1.001 * peak),
+            Number(
+                'limit',
+                unit,
+                tuple(peak * s for s in FLAT),
+                0.01 * peak,
+                _LOWEST_FLAT * peak,
+                1.001 * peak,
+            ),
         )
     )
     if gain:

@@ -37,7 +37,7 @@ from impactscope.discrepancy.impact.chain_laws import chain_laws
 from impactscope.discrepancy.impact.data import BlowData
 from impactscope.discrepancy.impact.fit import Fit, fit, projector
 from impactscope.discrepancy.impact.laws import GROUPS, Law, law_responses
-from impactscope.discrepancy.impact.noise import whitener
+from impactscope.discrepancy.impact.noise import slowest_seen, whitener
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
@@ -144,7 +144,9 @@ def _tested_fit(fit: Fit, laws: bool) -> Adequacy:
     for label, (power, count, quiet) in _bands(fit, weight * limited).items():
         allowed = _ALLOWED**2 * count
         p_values[label] = float(stats.ncx2.sf(power, count, allowed))
-        if math.isfinite(quiet):  # the colour is known no better than the quiet tells it
+        if quiet < 1.0 or not count:
+            p_values[label] = 1.0
+        elif math.isfinite(quiet):  # the colour is known no better than the quiet tells it
             p_values[label] = float(stats.f.sf(power / (count + allowed), count, quiet))
         excess[label] = power - count
     for label, (power, count, quiet) in _louder(fit, limited).items():
@@ -464,26 +466,28 @@ def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int, float]]:
         if r.size < 32:
             continue
         length = float(time[-1] - time[0])
+        white = blow.channels[name].colour is None
+        before = blow.onset - blow.recording.channels[name].start
+        bent = name == 'acceleration.impactor'
+        slowest = 0.0 if white else slowest_seen(before, bent=bent)
         low, power, terms = 0.0, 0.0, 0
         for high in _BANDS:
             if 2 * high * length > 0.4 * r.size:
                 break
-            first, last = math.ceil(2 * low * length), math.floor(2 * high * length)
-            orders = np.arange(first, last)
+            orders = np.arange(math.ceil(2 * low * length), math.floor(2 * high * length))
             low = high
             if not orders.size:
                 continue
             phase = np.pi * (time - time[0]) / length
             waves = np.cos(phase[:, None] * orders[None, :])
             q, _ = np.linalg.qr(waves)
+            inside = (q.T @ r) ** 2
+            power, terms = power + float(np.sum(inside)), terms + inside.size
+            sure = inside[orders >= 2 * slowest * length]
             entry = total.setdefault(f'{name} below {high:g} Hz', [0.0, 0.0, 0.0])
-            inside = float(np.sum((q.T @ r) ** 2))
-            entry[0] += inside
-            entry[1] += q.shape[1]
-            power, terms = power + inside, terms + q.shape[1]
-            before = blow.onset - blow.recording.channels[name].start
-            white = blow.channels[name].colour is None
-            entry[2] += math.inf if white else 2.0 * before * high * orders.size / last
+            entry[0] += float(np.sum(sure))
+            entry[1] += sure.size
+            entry[2] += math.inf if white else before / length * sure.size
         quiet = _quiet_above(blow, name, low)
         if quiet[1]:
             above = total.setdefault(f'{name} above the bands', [0.0, 0.0, 0.0, 0.0])

@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import stats
 
-__all__ = ['Colour', 'Whitener', 'colour_of', 'whitener']
+__all__ = ['Colour', 'Whitener', 'colour_of', 'slowest_seen', 'whitener']
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -158,6 +158,14 @@ def colour_of(
     return Colour(
         float(variances[0]), parts[matter], lives[matter] / float(sample_rate), sample_rate
     )
+
+
+def slowest_seen(duration: float, *, bent: bool = False) -> float:
+    """Frequency, Hz, from which a quiet stretch of so many s tells of its colour.
+
+    Below, `colour_of` presumes that it goes on as the slowest does that can be seen.
+    """
+    return (_FIRST_BENT if bent else _FIRST) / duration
 
 
 def _between(quiet: Sequence[Array], seen: Colour) -> float:
