@@ -64,15 +64,25 @@ def prune(
             outcome.final = with_findings(outcome, rest, outcome.final.layout)
             continue
         _swap(outcome, candidate, rest)
+    for candidate in tuple(outcome.accepted):  # others may have been swapped since
+        rest = [c for c in outcome.accepted if c is not candidate]
+        kept = candidate.label in outcome.doubted
+        if rest and not kept and _as_stated(outcome.final, outcome.baseline.model, candidate):
+            outcome.accepted.remove(candidate)
+            outcome.final = with_findings(outcome, rest, outcome.final.layout)
 
 
 def _as_stated(final: Fit, stated: ImpactModel, candidate: Candidate) -> bool:
     """Whether a number that is said to be wrong is fitted as it was stated.
 
-    What it has gained came from elsewhere: a fit that had missed its minimum.
+    What it has gained came from elsewhere: a fit that had missed its minimum, or a short window
+    in which it stood in for what a longer one shows to be something else.
     """
+    if candidate.name != 'wrong_parameter' or not candidate.free:
+        return False
     priors = {f.key: f.prior for f in stated.free}
-    prior = priors.get(candidate.parameter) if candidate.name == 'wrong_parameter' else None
+    absent = candidate.amplitudes.get(candidate.parameter)
+    prior = priors.get(candidate.parameter) or (None if absent is None else (absent, 0.0))
     if prior is None:
         return False
     mean, tolerance = prior

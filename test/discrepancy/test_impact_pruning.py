@@ -1,0 +1,57 @@
+"""What is no longer needed once other findings stand beside it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from impactscope.discrepancy.impact import pruning
+from impactscope.discrepancy.impact.candidate import Candidate
+from impactscope.discrepancy.impact.model import Free
+
+LOAD = 'gravity_load.added_weight'
+
+
+def wrong_number(prior: tuple[float, float] | None = None) -> Candidate:
+    return Candidate(
+        label=f'wrong {LOAD}',
+        name='wrong_parameter',
+        subsystem='parameter',
+        free=(Free(LOAD, 0.0, 0.1, -1e3, 1e3, prior=prior),),
+        starts=({LOAD: 0.1},),
+        amplitudes={LOAD: 0.0},
+        parameter=LOAD,
+    )
+
+
+PUSH = Candidate(label='external_push', name='external_push', subsystem='impactor')
+
+
+def outcome_with(value: float, std: float) -> SimpleNamespace:
+    final = SimpleNamespace(values={LOAD: value}, std=lambda _: std, layout='whole')
+    return SimpleNamespace(
+        accepted=[PUSH, wrong_number()],
+        doubted=set(),
+        final=final,
+        baseline=SimpleNamespace(model=SimpleNamespace(free=())),
+    )
+
+
+@pytest.mark.parametrize(('value', 'left'), [(0.003, 1), (-0.004, 1), (0.02, 2)])
+def test_a_number_that_ends_as_it_was_stated_was_not_wrong(
+    monkeypatch: pytest.MonkeyPatch, value: float, left: int
+) -> None:
+    """A short window needs it; a swap since then has taken what it stood for."""
+    outcome = outcome_with(1.0, 0.005)
+
+    def swapped(changed: SimpleNamespace, *_: object) -> None:
+        changed.final.values[LOAD] = value
+
+    monkeypatch.setattr(pruning, '_needed', lambda *_: True)
+    monkeypatch.setattr(pruning, '_swap', swapped)
+    monkeypatch.setattr(pruning, 'with_findings', lambda *_: 'again')
+    pruning.prune(outcome, None, 0.1, lambda *_: None)
+    assert len(outcome.accepted) == left
+    assert outcome.accepted[0] is PUSH
+    assert (outcome.final == 'again') == (left == 1)
