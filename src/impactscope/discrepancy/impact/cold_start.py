@@ -34,6 +34,7 @@ _FINE, _FINE_REACH = 1e-5, 6e-4  # s, of moments about the one that was found
 _TOPS = 3  # of its moments that fit best
 _EARLIER = (-4e-3, -2e-3, -1e-3)  # s, of moments about the onset
 _CLOSE, _CLOSE_BEFORE, _CLOSE_AFTER = 5e-5, 5e-4, 2e-4  # s
+_LONGEST_SAMPLE = 2e-3  # s: a blow that is sampled slower is not seen anyway
 
 
 def cold_starts(model: ImpactModel) -> list[Array]:
@@ -250,4 +251,5 @@ def place(model: ImpactModel, x: Array, chosen: Sequence[int], window: float = 0
 
 def _sample(model: ImpactModel, i: int) -> float:
     """Time between samples of a blow, s: what is seen first may begin as much later."""
-    return 1.0 / max(c.sample_rate for c in model.data.blows[i].channels.values())
+    fastest = max(c.sample_rate for c in model.data.blows[i].channels.values())
+    return min(1.0 / fastest, _LONGEST_SAMPLE)
