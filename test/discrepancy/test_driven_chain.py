@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from impactscope.discrepancy.answer import FitFigures, FitTable
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.case import BANDS, Bands, band_levels
 from impactscope.discrepancy.driven.chain_laws import _by_sign
 from impactscope.discrepancy.driven.channel_effects import channel_terms
+from impactscope.discrepancy.driven.describe import leaves_most
 from impactscope.discrepancy.driven.measuring import (
     between_samples,
     delayed,
@@ -348,3 +350,54 @@ def test_a_low_pass_where_most_of_the_signal_is_faint():
     assert set(answer.accepted) == {'low_pass_filter', 'mains_hum'}
     found = next(f for f in answer.findings if f.name == 'low_pass_filter')
     assert found.parameters['cutoff'].value == pytest.approx(cutoff, rel=0.1)
+
+
+LOW = signal.butter(2, 500.0, fs=RATE, output='sos')
+
+
+def by_its_past(x):
+    """A channel whose gain goes by what it saw 10 ms before."""
+    late = np.concatenate([np.zeros(40), x[:-40]])
+    return signal.sosfilt(LOW, x) + 0.01 * x * late
+
+
+def with_play(x):
+    """A pointer that is taken along with 15 m/s^2 of play."""
+    seen, y, place = signal.sosfilt(LOW, x), np.zeros(x.size), 0.0
+    for i, v in enumerate(seen):
+        y[i] = place = min(max(place, v - 15.0), v + 15.0)
+    return y
+
+
+def with_its_own_gain(x):
+    """A channel that turns itself down while it is loud."""
+    level = signal.lfilter([0.01], [1.0, -0.99], np.abs(x))
+    return signal.sosfilt(LOW, x) / (1.0 + 0.1 * level)
+
+
+@pytest.mark.parametrize('part', [by_its_past, with_play, with_its_own_gain])
+def test_what_comes_with_the_signal_is_neither_noise_nor_a_filter(part):
+    """Noise of some colour would take all that a filter leaves; it is there in the quiet, too."""
+    answer = explain_driven(campaign(3, part))
+    assert answer.accepted == ('unknown',)
+    assert answer.unexplained
+
+
+@pytest.mark.parametrize(
+    ('before', 'after', 'held_out', 'most'),
+    [
+        (101.0, 90.0, (101.0, 90.0), True),
+        (101.0, 40.0, (101.0, 90.0), False),
+        (101.0, 90.0, (101.0, 40.0), False),
+        (101.0, 90.0, (np.nan, np.nan), True),
+        (2.0, 1.8, (2.0, 1.8), False),
+    ],
+)
+def test_findings_leave_most_where_fitted_and_held_out_are_far_from_noise(
+    before, after, held_out, most
+):
+    figures = [
+        FitFigures(reduced_chi_square=fitted, held_out_reduced_chi_square=predicted)
+        for fitted, predicted in zip((before, after), held_out, strict=True)
+    ]
+    assert leaves_most(FitTable(*figures)) is most

@@ -14,6 +14,7 @@ from impactscope.discrepancy.impact.bench_numbers import LARGE_ANGLES
 from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.conventions import other_conventions, with_conventions_of
 from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.explain import _same
 from impactscope.discrepancy.impact.fit import at_point, fit
 from impactscope.discrepancy.impact.follow import fit_baseline, follow
 from impactscope.discrepancy.impact.outcome import Outcome
@@ -98,3 +99,44 @@ def test_a_choice_that_misses_the_first_milliseconds_is_not_followed(monkeypatch
     monkeypatch.setattr(conventions, 'fit_baseline', lambda _: whole)
     assert conventions._followed(None, 2.9) is short
     assert conventions._followed(None, 3.1) is whole
+
+
+@pytest.fixture
+def bouncing(monkeypatch):
+    """Which choice is taken: reduced chi-squares of both over the first bounces and at the end."""
+
+    def chosen(first, last, samples=1000):
+        def grown(choice, window):
+            layout = SimpleNamespace(window=window, size=samples)
+            reduced = first[choice.model]
+            return SimpleNamespace(model=choice.model, layout=layout, reduced=reduced)
+
+        monkeypatch.setattr(conventions, 'other_conventions', lambda _: ['other'])
+        monkeypatch.setattr(conventions, '_begun_or_none', lambda m: SimpleNamespace(model=m))
+        monkeypatch.setattr(conventions, 'side_by_side', lambda f, many: [f(m) for m in many])
+        monkeypatch.setattr(conventions, 'follow', grown)
+        monkeypatch.setattr(conventions, 'followed', lambda made, _: (made, None))
+        return conventions._by_first_bounces(SimpleNamespace(model='mine', reduced=last)).model
+
+    return chosen
+
+
+def test_the_first_bounces_tell_which_weight_is_meant_where_late_ones_amplify(bouncing):
+    assert bouncing({'mine': 1.3, 'other': 1.0}, 4.0) == 'other'
+    assert bouncing({'mine': 1.0, 'other': 1.3}, 4.0) == 'mine'
+
+
+def test_first_bounces_that_tell_little_or_that_nothing_meets_change_no_choice(bouncing):
+    assert bouncing({'mine': 1.02, 'other': 1.0}, 4.0) == 'mine'
+    assert bouncing({'mine': 1.9, 'other': 1.3}, 4.0) == 'mine'
+
+
+def test_baselines_that_leave_the_same_are_searched_once():
+    def baseline(residuals):
+        return SimpleNamespace(layout=SimpleNamespace(size=3), residuals=np.array(residuals))
+
+    one = baseline([1.0, -2.0, 0.5])
+    assert _same(baseline([1.1, -2.1, 0.4]), one)
+    assert not _same(baseline([2.1, -2.0, 0.5]), one)
+    longer = SimpleNamespace(layout=SimpleNamespace(size=4), residuals=np.zeros(4))
+    assert not _same(longer, one)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
@@ -11,7 +12,10 @@ from impactscope.discrepancy.impact.baseline import baseline_model
 from impactscope.discrepancy.impact.candidate import contains
 from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.fit import fit
 from impactscope.discrepancy.impact.follow import fit_baseline
+from impactscope.discrepancy.impact.fuller_forms import law_that_contains
+from impactscope.discrepancy.impact.outcome import Found, Outcome
 from impactscope.discrepancy.impact.strong import with_its_numbers
 from impactscope.physics.twin.assembly import Effect
 
@@ -75,3 +79,39 @@ def test_a_law_within_another_is_fitted_from_the_other_ones_numbers(make_campaig
     assert found is not None
     assert found.chi_square < leader.chi_square + 8.0
     assert with_its_numbers(leader, baseline.model, listed['clearance']) is None
+
+
+@pytest.fixture
+def plainly_found(make_campaign):
+    """What a search holds that has found plain friction where another effect acts."""
+
+    def found(effect):
+        campaign = make_campaign(202, [effect])
+        baseline = fit_baseline(baseline_model(campaign, prepare(campaign)))
+        plain = next(c for c in candidates(baseline, ()) if c.label == 'coulomb_friction')
+        model = plain.extend(baseline.model)
+        made = fit(model, baseline.layout, np.append(baseline.x, 1.5), iterations=30)
+        outcome = Outcome(baseline, made, [plain])
+        outcome.found[plain.label] = Found(plain, made, 1e3, 0.0, -1e3)
+        outcome.rivals[plain.label] = []
+        return outcome
+
+    return found
+
+
+def test_friction_that_is_far_higher_at_rest_is_sought_from_plain_friction(plainly_found):
+    true = {'static_force': 2.4, 'kinetic_force': 1.0, 'speed': 0.02}
+    outcome = plainly_found(Effect('stribeck_friction', true))
+    made = law_that_contains(outcome.final, outcome, (), 1e-3)
+    assert made is not None
+    assert [c.name for c in outcome.accepted] == ['stribeck_friction']
+    assert made.chi_square < outcome.rivals['stribeck_friction'][0].fit.chi_square - 100.0
+    for name, value in true.items():
+        key = f'stribeck_friction.{name}'
+        assert abs(made.values[key] - value) < 0.1 * value
+
+
+def test_plain_friction_stays_where_no_fuller_law_explains_more(plainly_found):
+    outcome = plainly_found(Effect('coulomb_friction', {'force': 1.0}))
+    assert law_that_contains(outcome.final, outcome, (), 1e-3) is None
+    assert [c.name for c in outcome.accepted] == ['coulomb_friction']

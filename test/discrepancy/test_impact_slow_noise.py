@@ -18,9 +18,12 @@ from impactscope.discrepancy.impact.fit import fit
 from impactscope.discrepancy.impact.follow import fit_baseline
 from impactscope.discrepancy.impact.noise import Colour
 from impactscope.discrepancy.impact.slow_noise import (
+    _LEVELS,
+    _levelled,
     _likelihood,
     _slower,
     _Stretch,
+    _with,
     likelier,
     noise_left,
 )
@@ -189,3 +192,22 @@ def test_where_one_channel_has_slow_noise_a_level_of_any_may_be_it(monkeypatch, 
     )
     found = _without_slow(data, outcome)
     assert found is final if kept is None else found == (kept, 'layout')
+
+
+@pytest.mark.parametrize('size', [0.15, 1.2, 4.0])
+def test_a_level_is_the_one_that_a_scan_of_all_finds(size):
+    rate, count, rng = 1000.0, 2000, np.random.default_rng(8)
+    stretches = [
+        _Stretch(
+            np.arange(count) / rate,
+            np.ones(count, dtype=np.int64),
+            rng.standard_normal(count) + size * slow(count, rate, 0.1, rng),
+            np.zeros(count),
+        )
+        for _ in range(2)
+    ]
+    known, shape = Colour(1.0, np.zeros(0), np.zeros(0), rate), {0.1 * rate: 1.0}
+    reached, _ = _levelled(stretches, known, 1.0, rate, shape)
+    scan = [_likelihood(stretches, _with(known, shape, level, rate)) for level in _LEVELS]
+    assert reached > _likelihood(stretches, known)
+    assert reached >= max(scan)

@@ -10,6 +10,7 @@ from typing import Any
 from impactscope.discrepancy.answer import (
     Answer,
     Finding,
+    FitTable,
     Mismatch,
     ParameterEstimate,
     stand_ins_told,
@@ -24,15 +25,18 @@ from impactscope.discrepancy.driven.findings import (
 )
 from impactscope.discrepancy.driven.fitting import Fit, numbers_of
 from impactscope.discrepancy.driven.free_swing import as_force, mass_of_free_swing
+from impactscope.discrepancy.driven.search import Outcome
 from impactscope.discrepancy.driven.steps import steps_found
 from impactscope.discrepancy.driven.subject import Subject
 from impactscope.discrepancy.driven.terms import Term, key
 
-__all__ = ['describe']
+__all__ = ['describe', 'leaves_most']
 
 # of findings that looked certain so many were right among campaigns drawn at random
 MOST = 0.95
 MOST_BESIDE = 0.7  # where something that is not known stands beside them
+MOST_OF_IT = 0.5  # of chi-square beyond what noise leaves
+FAR_LEFT = 2.0  # reduced chi-square, beyond which what is left is no noise that was misjudged
 
 
 def describe(s: Subject) -> Answer:
@@ -52,6 +56,13 @@ def describe(s: Subject) -> Answer:
     if instead and table(s, base, final).loses:
         final = base
     unexplained, sentence = left_over(s, base, final)
+    if new and unexplained and not instead and leaves_most(table(s, base, final)):
+        if s.verdict is None:
+            rivals = (s.outcome.best, *s.outcome.rivals)
+            return describe(
+                dataclasses.replace(s, outcome=Outcome(base, base, rivals, believed=False))
+            )
+        instead, final = True, base
     if s.verdict is not None and s.verdict.left:
         unknown = unknown_finding(s.verdict)
         if instead:
@@ -100,6 +111,19 @@ def describe(s: Subject) -> Answer:
         ),
         traces=traces(s, base, final),
     )
+
+
+def leaves_most(fit: FitTable) -> bool:
+    """Whether findings leave most of what there is beyond noise, and that is far more than noise.
+
+    What is not known then bends whatever is fitted: names of such findings would be wrong ones.
+    """
+    pairs = [
+        (fit.baseline.reduced_chi_square, fit.extended.reduced_chi_square),
+        (fit.baseline.held_out_reduced_chi_square, fit.extended.held_out_reduced_chi_square),
+    ]
+    known = [(b, e) for b, e in pairs if math.isfinite(b) and math.isfinite(e)]
+    return bool(known) and all(e > FAR_LEFT and e - 1 > MOST_OF_IT * (b - 1) for b, e in known)
 
 
 def _modest(finding: Finding, most: float) -> Finding:

@@ -174,11 +174,15 @@ def _explained(campaign: Campaign, tell: Progress) -> Answer:
     described = describe(subject)
     if period is not None and described.accepted == ('unknown',):
         return _rippled(described, period, segments[0].unit)
-    if answer is not None and (
-        set(described.accepted) <= {'unknown'} or _leaves_far_less(answer, described)
-    ):
-        return answer
-    return described
+    if answer is None:
+        return described
+    better = _leaves_far_less(answer, described) or (
+        'unknown' in answer.accepted
+        and 'unknown' in described.accepted
+        and isinstance(model, ChainModel)
+        and not _leaves_far_less(described, answer)
+    )
+    return answer if better or set(described.accepted) <= {'unknown'} else described
 
 
 def _left_more(answer: Answer, made: Fit | None, segments: Sequence[Segment]) -> bool:

@@ -15,14 +15,14 @@ from scipy import stats
 
 from impactscope.discrepancy.driven.case import Case
 from impactscope.discrepancy.driven.fitting import FINE, Fit, fit, numbers_of
-from impactscope.discrepancy.driven.model import OscillatorModel
+from impactscope.discrepancy.driven.model import OscillatorModel, Segment
 from impactscope.discrepancy.driven.moved import MovedModel
 from impactscope.discrepancy.driven.noise_judge import innovations, slight
 from impactscope.discrepancy.driven.search import Outcome
 from impactscope.discrepancy.driven.strangers import Stranger, Verdict
 from impactscope.discrepancy.evidence import quantisation_step
 
-__all__ = ['LARGER', 'SURE', 'left_open', 'more_than_noise']
+__all__ = ['LARGER', 'SURE', 'comes_with_the_signal', 'left_open', 'more_than_noise']
 
 Array = NDArray[np.float64]
 
@@ -32,8 +32,9 @@ SURE = 6.0  # standard deviations of it
 STRETCH = 32  # samples in a row
 LOUD = 4.0  # times the noise, in power, that no such stretch has by chance
 STRETCHES = 16  # of a recording
-MOST_OF_THEM = 0.75
+MOST_OF_THEM = 0.9
 COMES = 4.0  # times as large as in the quiet
+STILL = 0.25  # of what the baseline leaves there, more than a form of what was found that is off
 IMPOSSIBLE = 4.0  # standard uncertainties below nothing
 UNLIKELY = 1e-3  # chance of numbers as far away as they would have to be
 MOST = 4.0  # times the noise: what a single sample may count, for some stand out alone
@@ -99,6 +100,20 @@ def left_open(case: Case, made: Fit) -> bool:
     return rise < float(stats.chi2.isf(UNLIKELY, max(shared, 1)))
 
 
+def comes_with_the_signal(case: Case, made: Fit) -> bool:
+    """Whether a fit leaves what comes with the signal, and that is much of what there was.
+
+    It is no noise then, of whatever colour.
+    """
+    for i, (s, left) in enumerate(zip(case.segments, made.residuals, strict=True)):
+        part, times, _ = _loudest_part(s, left)
+        before = np.array_split(case.baseline.residuals[i], STRETCHES)[part]
+        rest = np.array_split(left, STRETCHES)[part]
+        if times > COMES and np.linalg.norm(rest) > STILL * np.linalg.norm(before):
+            return True
+    return False
+
+
 def _no_machine(made: Fit) -> str:
     """What is impossible in the numbers of a linear model that is said to explain everything."""
     for name in ('mass', 'damping'):
@@ -111,25 +126,34 @@ def _no_machine(made: Fit) -> str:
 def _comes_and_goes(case: Case, made: Fit) -> str:
     """Where what is left is far larger than in the quiet of the same recording: no noise is.
 
-    By its changes from sample to sample, which are alike everywhere also in slow noise; readings
-    that rest on a step of the converter have none.
+    By its changes from sample to sample, which are alike everywhere also in slow noise.
     """
     for s, left in zip(case.segments, made.residuals, strict=True):
-        if left.size < STRETCHES * STRETCH:
-            continue
-        step = quantisation_step(s.measured)
-        parts = np.array_split(np.diff(left), STRETCHES)
-        # samples that stand out alone are no part of it
-        sizes = np.array([float(np.quantile(np.abs(p), MOST_OF_THEM)) for p in parts])
-        quiet = max(float(np.median(np.sort(sizes)[: STRETCHES // 4])), 0.5 * step)
-        place = int(np.argmax(sizes))
-        if sizes[place] > COMES * quiet:
-            begin = s.begin + s.period * sum(p.size for p in parts[:place])
+        _, times, where = _loudest_part(s, left)
+        if times > COMES:
+            begin, end = (s.begin + s.period * k for k in where)
             return (
-                f'what is left of {s.recording} is {sizes[place] / quiet:.3g} times as large from '
-                f'{begin:.4g} to {begin + s.period * parts[place].size:.4g} s as where it is quiet'
+                f'what is left of {s.recording} is {times:.3g} times as large from '
+                f'{begin:.4g} to {end:.4g} s as where it is quiet'
             )
     return ''
+
+
+def _loudest_part(segment: Segment, left: Array) -> tuple[int, float, tuple[int, int]]:
+    """Which part of a recording is left loudest, times its quiet, and from which sample to which.
+
+    By changes from sample to sample; readings that rest on a step of the converter have none.
+    """
+    if left.size < STRETCHES * STRETCH:
+        return 0, 0.0, (0, 0)
+    step = quantisation_step(segment.measured)
+    parts = np.array_split(np.diff(left), STRETCHES)
+    # samples that stand out alone are no part of it
+    sizes = np.array([float(np.quantile(np.abs(p), MOST_OF_THEM)) for p in parts])
+    quiet = max(float(np.median(np.sort(sizes)[: STRETCHES // 4])), 0.5 * step)
+    place = int(np.argmax(sizes))
+    first = sum(p.size for p in parts[:place])
+    return place, float(sizes[place]) / (quiet or 1e-300), (first, first + parts[place].size)
 
 
 def _loudest(case: Case, made: Fit, index: int, usual: float) -> tuple[float, str]:

@@ -29,7 +29,12 @@ from impactscope.discrepancy.driven.exact_fits import labels_of
 from impactscope.discrepancy.driven.fitting import Fit, fit
 from impactscope.discrepancy.driven.looks import looks, prospects
 from impactscope.discrepancy.driven.model import OscillatorModel, Segment
-from impactscope.discrepancy.driven.more_than_noise import LARGER, SURE, more_than_noise
+from impactscope.discrepancy.driven.more_than_noise import (
+    LARGER,
+    SURE,
+    comes_with_the_signal,
+    more_than_noise,
+)
 from impactscope.discrepancy.driven.moved import PARTS, moved_case
 from impactscope.discrepancy.driven.noise_judge import OWN, PRICE, priced, reduced
 from impactscope.discrepancy.driven.noisy_force import knowing_noise_of_the_force
@@ -287,7 +292,9 @@ def _exact(
             break
         else:
             bare = without_slow_effects(case, last)
-            made = dict.fromkeys((last, bare))
+            made = list(dict.fromkeys((last, bare)))
+            if isinstance(case.model, ChainModel):
+                made = [m for m in made if not comes_with_the_signal(case, m)]
             tries = [knowing_slow_noise(case, m) or case for m in made]
         # noise that would be less likely even if all else were explained is not looked into
         likely = [

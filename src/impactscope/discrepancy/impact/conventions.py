@@ -13,10 +13,21 @@ taken, first for the baseline and again where something was found.
 
 from __future__ import annotations
 
+import math
+
 from impactscope.discrepancy.impact.bench_numbers import LARGE_ANGLES, LOSS_OF, LOSSES
 from impactscope.discrepancy.impact.fit import Fit, fit
-from impactscope.discrepancy.impact.follow import begun, fit_baseline, follows_all, further
+from impactscope.discrepancy.impact.follow import (
+    begun,
+    fit_baseline,
+    follow,
+    followed,
+    follows_all,
+    further,
+)
 from impactscope.discrepancy.impact.model import ImpactModel
+from impactscope.discrepancy.impact.outcome import QUIET
+from impactscope.discrepancy.patience import lasts
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
 
@@ -24,6 +35,8 @@ __all__ = ['conventions_told', 'other_conventions', 'with_conventions_of', 'with
 
 _WEIGHTS = ('gravity_load', 'restoring_force')
 _SOUND = 1.5  # reduced chi-square of a baseline that lacks nothing large
+_FIRST_BOUNCES = (0.25, 0.1)  # s after the onset
+_TELLING = 25.0  # chi-square of these, from which they tell which choice is meant
 _SEEN = 4.0  # chi-square of the difference, below which nobody can tell
 _TOLD = {
     'blow': 'goes by the speed of each blow',
@@ -79,7 +92,38 @@ def with_likelier(baseline: Fit) -> Fit:
     for other in side_by_side(lambda model: _followed(model, most), others):
         if other.reduced < _SOUND:
             best = further(best, other)
+    return best if best.reduced < QUIET else _by_first_bounces(best)
+
+
+def _by_first_bounces(best: Fit) -> Fit:
+    """A baseline with what its names leave open as the first bounces have it.
+
+    Where late ones amplify something that is missing, either choice may be bent to meet them.
+    """
+    models = [best.model, *other_conventions(best)]
+    if len(models) < 2 or not lasts('conventions by the first bounces'):
+        return best
+    short = side_by_side(_begun_or_none, models)
+    for window in _FIRST_BOUNCES:
+        grown = [None if s is None else follow(s, window) for s in short]
+        sound = [g for g in grown if g is not None and g.layout.window >= window]
+        sound.sort(key=lambda g: g.reduced)
+        if not sound or sound[0].reduced > QUIET:
+            continue
+        first = sound[0]
+        mine = grown[0]
+        behind = math.inf if mine is None else (mine.reduced - first.reduced) * first.layout.size
+        if first is mine or behind < _TELLING:
+            return best
+        return followed(first, window)[0]
     return best
+
+
+def _begun_or_none(model: ImpactModel) -> Fit | None:
+    try:
+        return begun(model)
+    except ImpactscopeError:
+        return None
 
 
 def _followed(model: ImpactModel, most: float) -> Fit:

@@ -67,6 +67,7 @@ _PRICE = 10.0  # chi-square that a further number must bring
 _OTHER_WAYS = 'other ways to take the names of the baseline'
 _CERTAIN = 300.0  # of chi-square, that slow noise does not imitate unseen
 _FAR_BEHIND = 100.0  # of chi-square
+_INDISTINCT = 1.0  # square of the distance of residuals
 _WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
 
 
@@ -152,7 +153,10 @@ def _searched(
     if left:
         fits = side_by_side(lambda m: fit_baseline(with_conventions_of(baseline.model, m)), others)
         other = functools.reduce(further, fits)
-        if not _far_behind(other, baseline):
+        if _same(other, baseline):
+            if outcome.accepted:
+                outcome = search.with_convention(outcome, other.model)
+        elif not _far_behind(other, baseline):
             both = (outcome, search.run(with_later_cuts(other)))
             outcome = min(both, key=lambda o: (_left(o, thresholds), _cost(o)))
     elif outcome.accepted:
@@ -166,6 +170,15 @@ def _searched(
 
 def _left(outcome: Outcome, thresholds: Thresholds) -> bool:
     return _unexplained(outcome, thresholds)[0]
+
+
+def _same(other: Fit, baseline: Fit) -> bool:
+    """Whether two baselines leave the same: a search would go the same way from either."""
+    if other.layout.size != baseline.layout.size:
+        return False
+    size = baseline.layout.size
+    apart = other.residuals[:size] - baseline.residuals[:size]
+    return float(apart @ apart) < _INDISTINCT
 
 
 def _far_behind(other: Fit, baseline: Fit) -> bool:

@@ -1,6 +1,7 @@
 """A finding in a fuller form, once a window is long enough to tell more of it.
 
-A robot that pushes on is a force that rises and stays, as long as nobody has seen it end.
+A robot that pushes on is a force that rises and stays, as long as nobody has seen it end. Friction
+that is higher at rest is found as plain friction first, with what is left of another kind.
 """
 
 from __future__ import annotations
@@ -12,16 +13,17 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from impactscope.discrepancy.evidence import family_p_value
-from impactscope.discrepancy.impact.candidate import Candidate
-from impactscope.discrepancy.impact.candidates import LEFT_ALONE
+from impactscope.discrepancy.evidence import family_p_value, information
+from impactscope.discrepancy.impact.candidate import Candidate, contains
+from impactscope.discrepancy.impact.candidates import LEFT_ALONE, candidates
 from impactscope.discrepancy.impact.fit import Fit, fit
 from impactscope.discrepancy.impact.model import Free
-from impactscope.discrepancy.impact.outcome import Outcome, evidence_for
+from impactscope.discrepancy.impact.outcome import Found, Outcome, evidence_for
+from impactscope.discrepancy.impact.strong import from_within
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import mechanism
 
-__all__ = ['fuller']
+__all__ = ['fuller', 'law_that_contains']
 
 _STARTS = {'hold': (0.03, 0.1, 0.3), 'fall': (0.03, 0.15)}  # s
 _LONGEST = 10.0  # s
@@ -68,6 +70,44 @@ def fuller(current: Fit, outcome: Outcome, false_finding: float, sound: Fit | No
         outcome.tests = None
         current = best
     return current
+
+
+def law_that_contains(
+    current: Fit, outcome: Outcome, baseline_names: Sequence[str], false_finding: float
+) -> Fit | None:
+    """The fit with a law that contains a finding in its place, where chance explains less.
+
+    What was found is changed in ``outcome``. None where no such law explains more.
+    """
+    laws_of_one = [c for c in outcome.accepted if len(c.amplitudes) == 1 and not c.channel]
+    listed = candidates(outcome.baseline, baseline_names) if laws_of_one else []
+    for plain in laws_of_one:
+        laws = [c for c in listed if contains(c, plain)]
+        if not laws:
+            continue
+        without = outcome.baseline.model
+        for other in outcome.accepted:
+            without = without if other is plain else other.extend(without)
+        best: Found | None = None
+        for law in laws:
+            made = from_within(current, without, plain, law)
+            if made is None:
+                continue
+            known, more = outcome.found[plain.label], law.cost - plain.cost
+            gain = evidence_for(made, current)
+            chance = family_p_value(max(gain, 0.0), more, len(laws))
+            criterion = known.criterion + information(-gain, more, current.layout.size)
+            if chance < false_finding and (best is None or criterion < best.criterion):
+                best = Found(law, made, known.gain + gain, known.p_value, criterion)
+        if best is not None:
+            outcome.accepted[outcome.accepted.index(plain)] = best.candidate
+            rivals = outcome.rivals.pop(plain.label, [])
+            outcome.rivals[best.candidate.label] = [outcome.found.pop(plain.label), *rivals]
+            outcome.found[best.candidate.label] = best
+            outcome.last = []
+            outcome.tests = None
+            return best.fit
+    return None
 
 
 def _starts(

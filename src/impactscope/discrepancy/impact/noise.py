@@ -61,7 +61,9 @@ class Colour:
 
     def variance_of_means(self, counts: IntArray) -> Array:
         """Variance of the mean over that many samples, shape as ``counts``."""
-        lengths, place = np.unique(counts, return_inverse=True)
+        there = np.bincount(counts) > 0
+        lengths = np.flatnonzero(there)
+        place = (np.cumsum(there) - 1)[counts]
         variance = self.white / lengths
         keep = np.exp(-1.0 / (self.times * self.sample_rate))
         for j, n in enumerate(lengths.tolist()):

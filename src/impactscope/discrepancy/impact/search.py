@@ -30,7 +30,7 @@ from impactscope.discrepancy.impact.follow import (
     followed,
     with_repeatability,
 )
-from impactscope.discrepancy.impact.fuller_forms import fuller
+from impactscope.discrepancy.impact.fuller_forms import fuller, law_that_contains
 from impactscope.discrepancy.impact.held_out import check_held_out
 from impactscope.discrepancy.impact.joint_fits import LOST, JointFits
 from impactscope.discrepancy.impact.late_channels import with_late_channel
@@ -284,6 +284,13 @@ class Search:
             outcome.tests = adequacy(current)
             if outcome.tests.p_value > self.thresholds.inadequate:
                 break
+            if lasts('laws that contain a finding'):
+                more = law_that_contains(
+                    current, outcome, self.baseline_names, self.thresholds.false_finding
+                )
+                if more is not None:
+                    current = more
+                    continue
             # what was seen along a law alone has to be gone there
             laws = outcome.tests.p_values.get('laws', 1.0) < self.thresholds.inadequate
             able = []

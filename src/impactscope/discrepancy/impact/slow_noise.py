@@ -11,9 +11,10 @@ compared by their likelihood, which Kalman's filter gives.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,7 @@ from impactscope.discrepancy.impact.bins import BinnedChannel
 from impactscope.discrepancy.impact.data import BlowData
 from impactscope.discrepancy.impact.fit import Fit
 from impactscope.discrepancy.impact.noise import Colour, whitener
+from impactscope.discrepancy.side_by_side import side_by_side
 
 __all__ = ['likelier', 'noise_left']
 
@@ -44,6 +46,7 @@ _APART = 2.0  # ratio of the times in which parts forget
 _ADDED = 3  # shapes, one after the other
 _LIVES = 2  # steps between the single parts that are tried
 _LEVELS = tuple(float(v) for v in np.geomspace(3e-3, 30.0, 13))  # of the variance that is known
+_COARSE = 3  # every so many of these are tried, then those beside the best
 _FINER = (0.5, 0.7, 1.4, 2.0)  # times the best of these
 _SLOPES = (0.0, 1.0)  # powers of the time in which a part forgets: pink, brown noise
 
@@ -215,21 +218,38 @@ def _slower(stretches: list[_Stretch], known: Colour, rate: float) -> Colour | N
         reached, found = max([(reached, known), *tried], key=lambda t: t[0])
     least = _likelihood(stretches, known) + 0.5 * _GAIN
     for _ in range(_ADDED):
-        best = reached, found
-        for shape in _shapes(longest * rate):
-            levels = [v * known.std**2 for v in _LEVELS]
-            parts = [(v, _with(found, shape, v, rate)) for v in levels]
-            shown = [(_likelihood(stretches, c), v, c) for v, c in parts]
-            _, level, _ = max(shown, key=lambda t: t[0])
-            finer = [_with(found, shape, level * f, rate) for f in _FINER]
-            shown += [(_likelihood(stretches, c), level, c) for c in finer]
-            top = max(shown, key=lambda t: t[0])
-            if top[0] > best[0]:
-                best = top[0], top[2]
+        added = functools.partial(_levelled, stretches, found, known.std**2, rate)
+        tried = side_by_side(added, list(_shapes(longest * rate)))
+        best = max([(reached, found), *tried], key=lambda t: t[0])
         if 2.0 * (best[0] - reached) < _GAIN:
             break
         reached, found = best
     return None if found is known or reached < least else found
+
+
+def _levelled(
+    stretches: list[_Stretch],
+    known: Colour,
+    unit: float,
+    rate: float,
+    shape: Mapping[float, float],
+) -> tuple[float, Colour]:
+    """A colour with further parts of a shape, at their likeliest level, after its likelihood.
+
+    ``unit``: variance over which levels are tried.
+    """
+    shown: dict[float, tuple[float, Colour]] = {}
+
+    def best_of(levels: Iterable[float]) -> float:
+        for level in levels:
+            if level not in shown:
+                colour = _with(known, shape, level * unit, rate)
+                shown[level] = _likelihood(stretches, colour), colour
+        return max(shown, key=lambda level: shown[level][0])
+
+    near = _LEVELS.index(best_of(_LEVELS[::_COARSE]))
+    level = best_of(_LEVELS[max(near - 1, 0) : near + 2])
+    return shown[best_of(level * f for f in _FINER)]
 
 
 def _shapes(longest: float) -> Iterator[Mapping[float, float]]:

@@ -49,7 +49,7 @@ _SEEN = 60.0  # of chi-square, that a candidate must gain on the taps
 _SAME_UNIT = 12  # starts from numbers of the same unit
 _MET = 2.0  # reduced chi-square of the first contacts, up to which a candidate meets them
 _REFINED = 2  # starts of a candidate that are refined
-_APART = (0.002, 0.005, 0.012)  # of a finding: how far a fuller law's two numbers for it set out
+_APART = (0.002, 0.005, 0.012, 0.4)  # of a finding: between a fuller law's two numbers for it
 
 
 def _rung(model: ImpactModel, blows: Sequence[int], length: float, window: float) -> Layout:
