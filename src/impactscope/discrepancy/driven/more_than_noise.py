@@ -150,7 +150,7 @@ def _loudest_part(segment: Segment, left: Array) -> tuple[int, float, tuple[int,
     parts = np.array_split(np.diff(left), STRETCHES)
     # samples that stand out alone are no part of it
     sizes = np.array([float(np.quantile(np.abs(p), MOST_OF_THEM)) for p in parts])
-    quiet = max(float(np.median(np.sort(sizes)[: STRETCHES // 4])), 0.5 * step)
+    quiet = max(float(np.median(np.sort(sizes)[: STRETCHES // 4])), step)
     place = int(np.argmax(sizes))
     first = sum(p.size for p in parts[:place])
     return place, float(sizes[place]) / (quiet or 1e-300), (first, first + parts[place].size)
