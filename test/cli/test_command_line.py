@@ -304,21 +304,24 @@ def test_a_campaign_is_checked_without_a_search(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('part', 'output', 'told'),
+    ('part', 'output', 'baseline', 'told'),
     [
-        ('start: 1.5, end: 2.5', 'displacement.angle', ''),
-        ('start: 60', 'displacement.angle', 'start is 60 s; pendulum_swing_01.mcap ends at 5 s'),
-        ('start: 4, end: 3', 'displacement.angle', 'ends at 3 s, before it starts at 4 s'),
-        ('start: 1', 'displacement.angel', "no channel 'displacement.angel'; it has disp"),
+        ('start: 1.5, end: 2.5', 'angle', 'linear_sensor', ''),
+        ('start: 60', 'angle', 'linear_sensor', '60 s; pendulum_swing_01.mcap ends at 5 s'),
+        ('start: 4, end: 3', 'angle', 'linear_sensor', 'ends at 3 s, before it starts at 4 s'),
+        ('start: 1', 'angel', 'linear_sensor', "no channel 'displacement.angel'; it has disp"),
+        ('start: 1', 'angle', 'linear_senser', "'linear_senser', which is not known for a camp"),
     ],
-    ids=['a part', 'behind the end', 'backwards', 'a channel that is not there'],
+    ids=['a part', 'behind the end', 'backwards', 'no such channel', 'no such mechanism'],
 )
-def test_a_check_holds_the_recordings_against_the_file(capsys, tmp_path, part, output, told):
+def test_a_check_holds_the_recordings_against_the_file(
+    capsys, tmp_path, part, output, baseline, told
+):
     shutil.copy(bags_folder() / 'pendulum_swing_01.mcap', tmp_path)
     (tmp_path / 'campaign.yaml').write_text(
         'version: 1\n'
-        f'bench: {{kind: driven, input: none, outputs: [{output}]}}\n'
-        'baseline: [linear_sensor]\n'
+        f'bench: {{kind: driven, input: none, outputs: [displacement.{output}]}}\n'
+        f'baseline: [{baseline}]\n'
         f'recordings:\n- {{file: pendulum_swing_01.mcap, role: fit, {part}}}\n',
         encoding='utf-8',
     )

@@ -465,6 +465,8 @@ STAMPED = [  # heading, a row of a date and time and a number: all at 50 Hz
     ('"stamp","F"', '"{date}T{clock}{s:06.3f}+01:00","{x}"'),
     ('stamp F', '{date} {clock}{s:06.3f} {x}'),
     ('# stamp,F', '{date} {clock}{s:09.6f},{x}'),
+    ('stamp,F', '{clock}{s:06.3f},{x}'),
+    ('stamp F', '{clock}{s:06.3f} {x}'),
 ]
 
 
@@ -506,6 +508,7 @@ def test_dates_and_times_in_the_head_of_numbers_stay_there(tmp_path):
         ('2025-11-14 20:07:61,1', "line 3, column 0: '2025-11-14 20:07:61' is no date and time"),
         ('7.5,1', "line 3, column 0: '7.5' is no date and time"),
         ('2025-11-14 20:07:11Z,1', 'one has a time zone, one has none'),
+        ('20:07:11,1', "line 3, column 0: '20:07:11' is no date and time"),
     ],
 )
 def test_dates_and_times_that_are_none(tmp_path, rows, message):

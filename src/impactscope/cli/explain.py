@@ -55,7 +55,11 @@ def explain(
     from impactscope.campaign_files import save_model as save
 
     if check:
-        print_campaign(load_campaign(campaign))
+        from impactscope.discrepancy.explain import check_baseline
+
+        read = load_campaign(campaign)
+        check_baseline(read)
+        print_campaign(read)
         return
     with Bar(f'explaining {campaign.name}') as advance:
         answer = explain_folder(campaign, advance.describe, within_s=within)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -12,11 +13,15 @@ from scipy import stats
 from impactscope.discrepancy.answer import Answer, Finding
 from impactscope.discrepancy.campaign import BaselineItem, Campaign, CampaignKind
 from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.baseline import LINEAR
 from impactscope.discrepancy.impact import explain_impact
+from impactscope.discrepancy.impact.baseline import STRUCTURE
 from impactscope.discrepancy.patience import patient
 from impactscope.discrepancy.single_thread import single_threaded
+from impactscope.errors import ConfigurationError
+from impactscope.physics.mechanisms.registry import all_mechanisms
 
-__all__ = ['explain']
+__all__ = ['check_baseline', 'explain']
 
 FILTERS_DELAY = 1.6  # samples, of a filter of order 8 whose cut-off is half the rate
 _CUT_SHORT = ' Not all that is known here was tried for it: the time was over.'
@@ -26,6 +31,20 @@ THINNED = 10.0  # times the rate, at which a filter of samples may have run
 
 def _silent(share: float, text: str) -> None:
     """Progress that nobody wants to see."""
+
+
+def check_baseline(campaign: Campaign) -> None:
+    """Raises ConfigurationError for a name that no campaign of that kind knows."""
+    basis = STRUCTURE if campaign.kind is CampaignKind.IMPACT else LINEAR
+    known = (*basis, *all_mechanisms())
+    for name in campaign.baseline_names:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            meant = f' (is {near[0]!r} meant?)' if near else ''
+            raise ConfigurationError(
+                f'{campaign.name}: baseline names {name!r}, which is not known for a campaign of '
+                f'kind {campaign.kind.value}{meant}; known are {", ".join(known)}'
+            )
 
 
 def explain(
@@ -50,6 +69,7 @@ def explain(
     if baseline is not None:
         items = tuple(b if isinstance(b, BaselineItem) else BaselineItem(b) for b in baseline)
         campaign = dataclasses.replace(campaign, baseline=items)
+    check_baseline(campaign)
     started = time.perf_counter()
     with single_threaded(), patient(within_s) as patience:
         if campaign.kind is CampaignKind.IMPACT:

@@ -9,7 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import date, datetime, time, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,9 @@ _LAST = 100  # lines that tell how a file is laid out
 _LAST_ROWS = 10  # of them, in which no column of text holds a number
 _DELIMITERS = (',', ';', '\t', '|')
 _CONTROL = re.compile(rb'[\x00-\x08\x0e-\x1f\x7f]')  # no text has them
-_STAMP = re.compile(r'\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d')  # date and time of day
+# date and time of day, or a time of day with its seconds
+_STAMP = re.compile(r'\s*(\d{4}-\d\d-\d\d[T ]\d\d:\d\d|\d\d:\d\d:\d\d)')
+_DAY, _HALF_A_DAY = timedelta(days=1), timedelta(hours=12)
 _DATE_END = re.compile(r'(?<=\d{4}-\d\d-\d\d) (?=\d\d:\d\d)')
 _DATE_LIKE = re.compile(r'\s*\d{1,4}[-./:]\d')
 _NO_DATE = 'neither a number nor a date and time such as 2025-11-14 20:07:10.53'
@@ -126,12 +128,23 @@ def _number(text: str) -> float:
 
 
 def _seconds(text: str, j: int, first: dict[int, datetime]) -> float:
-    """A date and time in column j as s from the first one there; NaN where it is empty."""
+    """A date and time in column j as s from the first one there; NaN where it is empty.
+
+    A time of day alone that lies more than half a day before the first is one of the day after.
+    """
     text = text.strip()
     if not text:
         return np.nan
-    stamp = datetime.fromisoformat(text)
-    return (stamp - first.setdefault(j, stamp)).total_seconds()
+    of_a_day = text[2:3] == ':'
+    if of_a_day:
+        stamp = datetime.combine(date.min, time.fromisoformat(text))
+    else:
+        stamp = datetime.fromisoformat(text)
+    origin = first.setdefault(j, stamp)
+    if (origin.date() == date.min) != of_a_day:
+        raise ValueError(text)
+    since = stamp - origin
+    return (since + _DAY if of_a_day and since < -_HALF_A_DAY else since).total_seconds()
 
 
 def _stamped(fields: list[str]) -> frozenset[int]:

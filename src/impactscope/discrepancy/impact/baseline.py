@@ -14,8 +14,7 @@ from impactscope.discrepancy.campaign import BaselineItem, Campaign, Quantity
 from impactscope.discrepancy.impact.bench_numbers import ADDED_WEIGHT, WEIGHT
 from impactscope.discrepancy.impact.data import BlowData, CampaignData
 from impactscope.discrepancy.impact.model import ActiveEffect, Free, ImpactModel
-from impactscope.errors import ConfigurationError
-from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
+from impactscope.physics.mechanisms.registry import mechanism
 from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum
 
 Array = NDArray[np.float64]
@@ -224,12 +223,6 @@ def _effects(
     for item in campaign.baseline:
         if item.name in STRUCTURE:
             continue
-        if item.name not in all_mechanisms():
-            known = ', '.join((*STRUCTURE, *all_mechanisms()))
-            raise ConfigurationError(
-                f'{campaign.name}: baseline names {item.name!r}, which is not known here; '
-                f'known are {known}'
-            )
         kind = mechanism(item.name)
         active = ActiveEffect(item.name, item.channel)
         effects.append(active)
