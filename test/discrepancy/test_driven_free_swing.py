@@ -15,12 +15,13 @@ MASS, STIFFNESS, DAMPING, DRAG = 2.4, 82.0, 0.4, 6.0
 
 
 @functools.cache
-def swing(begin, seed):
+def swing(begin, seed, drag=DRAG, cubic=0.0):
     time = np.arange(900) / RATE
     solution = solve_ivp(
         lambda _t, y: (
             y[1],
-            -(STIFFNESS * y[0] + DAMPING * y[1] + DRAG * abs(y[1]) * y[1]) / MASS,
+            -(STIFFNESS * y[0] + cubic * y[0] ** 3 + DAMPING * y[1] + drag * abs(y[1]) * y[1])
+            / MASS,
         ),
         (0.0, time[-1]),
         (begin, 0.0),
@@ -32,13 +33,14 @@ def swing(begin, seed):
 
 
 @functools.cache
-def answer(step=0.0, unit='m', **sensor):
+def answer(step=0.0, unit='m', zero=0.0, drag=DRAG, cubic=0.0, **sensor):
     channel = CHANNEL if unit == 'm' else 'angle.boom'
     channels, entries = {}, []
     for i, begin in enumerate((0.1, 0.06, 0.08)):
         file = f'r{i}.mcap'
         entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
-        values = step * np.rint(swing(begin, i) / step) if step else swing(begin, i)
+        values = zero + swing(begin, i, drag, cubic)
+        values = step * np.rint(values / step) if step else values
         channels[file] = {channel: ChannelSamples(channel, unit, RATE, 0.0, values)}
     whole = {
         'version': 1,
@@ -98,3 +100,17 @@ class Stated(dict):
 
     def __hash__(self):
         return hash(tuple(sorted(self.items())))
+
+
+@pytest.mark.parametrize(
+    ('cubic', 'name'), [(-900.0, 'softening_spring'), (900.0, 'hardening_spring')]
+)
+def test_an_even_spring_counted_from_elsewhere_is_not_uneven(cubic, name):
+    """A load and a spring that is softer to one side would say the same with a number more."""
+    found = answer(zero=0.01, drag=0.0, cubic=cubic)
+    assert set(found.accepted) == {name, 'offset'}
+    told = {f.name: f.parameters for f in found.findings}
+    zero, bend = told['offset']['value'], told[name]['cubic']
+    assert zero.unit == 'm'
+    assert abs(zero.value - 0.01) < 4.0 * zero.std + 1e-6
+    assert abs(bend.value - cubic / MASS) < 4.0 * bend.std + 0.01 * abs(cubic / MASS)

@@ -28,6 +28,7 @@ from impactscope.discrepancy.driven.stand_ins import (
     other_asymmetry,
     other_friction,
     other_levels,
+    other_zero,
     plain_friction,
     spring_of_position,
 )
@@ -104,6 +105,7 @@ def exact_search(
     best = _pruned(fits, other_friction(fits, best, judge), judge)
     best = other_asymmetry(fits, best, judge)
     best = _pruned(fits, other_levels(fits, best, judge), judge)
+    best = _pruned(fits, other_zero(fits, best, judge), judge)
     best = _against_rivals(fits, best, judge)
     best = _pruned(fits, friction_of_baseline(fits, best, judge), judge)
     level = judge.criterion(best, baseline) + NEAR

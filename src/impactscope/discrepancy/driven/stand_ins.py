@@ -19,6 +19,7 @@ __all__ = [
     'other_asymmetry',
     'other_friction',
     'other_levels',
+    'other_zero',
     'plain_friction',
     'spring_of_position',
 ]
@@ -141,6 +142,25 @@ def other_levels(fits: Fits, best: Fit, judge: Judge) -> Fit:
                 for n in t.numbers
             }
             fits.make(best, together, starts)
+    return _best(fits, judge)
+
+
+def other_zero(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """A channel with another zero in the place of a load and a spring that is uneven about it.
+
+    A spring whose stiffness goes evenly with the displacement does so about the place where it is
+    at rest; counted from elsewhere it is under a load, and softer to one side.
+    """
+    load = next((t for t in best.terms if t.name == 'offset' and not t.output), None)
+    uneven = next((t for t in best.terms if t.name == 'asymmetric_spring'), None)
+    stiffness = best.values.get('stiffness', 0.0)
+    if load is None or uneven is None or not stiffness > 0.0:
+        return best
+    rest = tuple(t for t in best.terms if t not in (load, uneven))
+    size = best.values[key(load, load.numbers[0])] / stiffness
+    for zero in fits.model.terms:
+        if zero.name == 'offset' and zero.output and all(zero.stands_with(t) for t in rest):
+            fits.make(best, (*rest, zero), {key(zero, zero.numbers[0]): size})
     return _best(fits, judge)
 
 
