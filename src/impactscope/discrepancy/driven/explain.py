@@ -10,6 +10,7 @@ import numpy as np
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import Campaign, CampaignKind
 from impactscope.discrepancy.driven.baseline import (
+    Start,
     linear_start,
     stated_modes,
     with_known,
@@ -17,6 +18,7 @@ from impactscope.discrepancy.driven.baseline import (
     with_right_signs,
     with_the_mass_alone,
 )
+from impactscope.discrepancy.driven.beginnings import forced_beginning
 from impactscope.discrepancy.driven.chain import ChainModel
 from impactscope.discrepancy.driven.decide import Judge, noise_share
 from impactscope.discrepancy.driven.describe import describe
@@ -52,6 +54,7 @@ COARSE = 0.01  # of the output's power: more is searched for what is plain befor
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
 MOST_HOLLOW = 10_000  # fitted samples that are searched to the noise although nothing is explained
 MOST_TO_THE_NOISE = 45_000  # samples of a sprung mass; more take minutes and have told already
+MANY = 3  # findings, of which some may stand for a beginning that was not free
 CLEARLY_MORE = 1.1  # times what another model leaves
 CHAIN_EFFORT = Effort(numbers=6, depth=4, tried=8, beam=3)
 
@@ -78,6 +81,16 @@ def _explained(campaign: Campaign, tell: Progress) -> Answer:
     """The answer for a campaign whose signs and units are right."""
     notes = list(campaign.notes)
     begun = linear_start(campaign, notes)
+    answer = _searched(campaign, begun, notes, tell)
+    if 'unknown' in answer.accepted or len(answer.accepted) >= MANY:
+        told = forced_beginning(campaign, begun)
+        if told:
+            return dataclasses.replace(answer, notes=(*answer.notes, told))
+    return answer
+
+
+def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress) -> Answer:
+    """The answer from the linear baseline on."""
     parts, model, segments, linear = begun.parts, begun.model, begun.segments, begun.linear
     if isinstance(model, PrescribedModel):
         notes += one_speed_told(segments)

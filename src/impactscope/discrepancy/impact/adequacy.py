@@ -40,6 +40,7 @@ from impactscope.discrepancy.impact.laws import GROUPS, Law, law_responses
 from impactscope.discrepancy.impact.noise import slowest_seen, whitener
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
+from impactscope.physics.mechanisms.registry import all_mechanisms
 
 __all__ = ['LONE', 'TESTED', 'TOLD', 'Adequacy', 'adequacy', 'law_instead', 'without_lone']
 
@@ -61,6 +62,8 @@ _QUIET = 2e-3  # s before the onset, up to which a channel is quiet
 _ROUNDED = 0.5  # of the noise: steps of a converter from which a quiet channel may stand still
 _LEAST_QUIET = 64  # samples
 _GROUP_PRICE = 2.0  # of chi-square, of each number of a law without a form of its own
+_STRANGE = 0.1  # of what is missing is none of the known mechanisms
+_APART = 0.01  # of what an effect explains, that its form may differ by
 _LEAST_RANK = 1e-3  # of a further number's influence that the model's numbers leave of it
 
 
@@ -229,12 +232,15 @@ def _levels(fit: Fit) -> list[Law]:
     return found
 
 
-def law_instead(before: Fit, after: Fit, numbers: int) -> tuple[float, str]:
-    """Chance, and name, of a law that explains more than the findings do, in their place.
+def law_instead(before: Fit, after: Fit, price: float) -> tuple[float, str]:
+    """Odds of the findings against a law that explains more in their place, and its name.
 
-    ``before``: the baseline, ``after``: with the findings, which have that many numbers. The
+    ``before``: the baseline, ``after``: with the findings, of which chance explains that much of
+    the fall of chi-square: one for each number, and what it is to have several to choose. The
     fall of chi-square that a law has ahead of the findings counts as evidence: a law that only
-    resembles what is there gets ahead by no more than noise.
+    resembles what is there gets ahead by no more than noise, or by a share of the whole in which
+    two sound simulations may differ. Before that, one thing in ten that are missing is none that
+    is known, each mechanism is as likely as any other, and so is each law.
     """
     fits = []
     for found in (before, after):
@@ -243,19 +249,20 @@ def law_instead(before: Fit, after: Fit, numbers: int) -> tuple[float, str]:
     old, new = fits
     size = old.layout.size
     if size != new.layout.size:
-        return 1.0, ''
+        return math.inf, ''
     spread = max(1.0, new.reduced)
     basis = projector(old.jacobian)
     left = old.residuals - basis @ (basis.T @ old.residuals)
-    needed = old.chi_square - new.chi_square - numbers
+    needed = old.chi_square - new.chi_square - price
     best = -math.inf, ''
     laws = [*law_responses(old), *chain_laws(old)]
     for law in laws:
         power, count = _along(law, left, basis, np.ones(size))
-        price = count + (_GROUP_PRICE * count if law.label in GROUPS else 0.0)
-        best = max(best, (power - price - needed, law.label))
-    chance = math.exp(-0.5 * min(max(best[0], 0.0) / spread, 1e3))
-    return min(1.0, len(laws) * chance), best[1]
+        own = count + (_GROUP_PRICE * count if law.label in GROUPS else 0.0)
+        best = max(best, (power - own - needed, law.label))
+    ahead = max(best[0] - _APART * max(needed, 0.0), 0.0) / spread
+    each = (1.0 - _STRANGE) / len(all_mechanisms()), _STRANGE / len(laws)
+    return each[0] / each[1] * math.exp(-0.5 * min(ahead, 1e3)), best[1]
 
 
 def _along(law: Law, left: Array, basis: Array, weight: Array) -> tuple[float, int]:

@@ -67,6 +67,7 @@ _PRICE = 10.0  # chi-square that a further number must bring
 _OTHER_WAYS = 'other ways to take the names of the baseline'
 _CERTAIN = 300.0  # of chi-square, that slow noise does not imitate unseen
 _FAR_BEHIND = 100.0  # of chi-square
+_OUTDONE = 0.1  # odds of the findings against a law, below which the law is meant
 _INDISTINCT = 1.0  # square of the distance of residuals
 _WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
 
@@ -301,8 +302,9 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
                 f'{tests.p_value:.1g} of campaigns).'
             )
         instead, law = _law_instead(outcome)
-        if instead < thresholds.inadequate:
-            outcome.tests = Adequacy({**tests.p_values, 'laws': instead}, tests.excess, law)
+        if instead < _OUTDONE:
+            chance = 0.5 * thresholds.inadequate * instead / _OUTDONE
+            outcome.tests = Adequacy({**tests.p_values, 'laws': chance}, tests.excess, law)
             return True, (
                 f'Something is missing that no known mechanism explains: {law} explains the '
                 'recordings better than anything that is known here.'
@@ -329,12 +331,14 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
 
 
 def _law_instead(outcome: Outcome) -> tuple[float, str]:
-    """Chance of a law that is ahead of the findings, see :func:`law_instead`; and its name."""
+    """Odds of the findings against a law, see :func:`law_instead`; and its name."""
     tunable = outcome.accepted and all(c.free for c in outcome.accepted)
     if not tunable or outcome.baseline.reduced > _WEAK:
-        return 1.0, ''
+        return math.inf, ''
     cost = sum(c.cost for c in outcome.accepted)
-    return law_instead(outcome.baseline, outcome.final, cost)
+    # each further finding was chosen among all mechanisms, too, where one law does
+    chosen = 2.0 * math.log(len(all_mechanisms())) * (len(outcome.accepted) - 1)
+    return law_instead(outcome.baseline, outcome.final, cost + chosen)
 
 
 def _missed_early(outcome: Outcome, allowed: float) -> bool:
