@@ -156,3 +156,16 @@ def test_several_numbers_are_worth_one():
     assert Stranger('', 20.0, 4).p_value > Stranger('', 20.0, 1).p_value
     far = [equivalent_gain(g, 5) for g in (1000.0, 1290.0, 1310.0, 5000.0)]
     assert far == sorted(far)
+
+
+@pytest.mark.parametrize(
+    'law',
+    [
+        lambda _x, v: 6.0 * max(v, 0.0) ** 2,
+        lambda _x, v: -6.0 * min(v, 0.0) ** 2,
+        lambda x, v: -300.0 * min(x, 0.0) * np.sign(v),
+    ],
+    ids=['inwards', 'outwards', 'friction to one side'],
+)
+def test_what_acts_one_way_is_neither_a_coupling_nor_a_yielding_base(law):
+    assert explain_driven(made(10, law)).accepted == ('unknown',)

@@ -44,10 +44,7 @@ def moved_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
     for name, law in STATE:
         yield Group(name, [column([law(x, v) for x, v in zip(xs, vs, strict=True)])])
     for name, parts in (
-        ('damping with the square of the speed one way', [np.maximum(v, 0.0) ** 2 for v in vs]),
-        ('damping with the square of the speed one way', [np.minimum(v, 0.0) ** 2 for v in vs]),
         ('damping one way', [np.maximum(v, 0.0) for v in vs]),
-        ('a stiffness to one side', [np.maximum(x, 0.0) for x in xs]),
         ('a reading that is not straight', [y * y for y in ys]),
         ('a reading that is not straight', [y**3 for y in ys]),
         ('a stiffness that changes in time', [x * t for x, t in zip(xs, times, strict=True)]),

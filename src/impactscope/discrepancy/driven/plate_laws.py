@@ -81,6 +81,9 @@ STATE: tuple[tuple[str, Callable[[Array, Array], Array]], ...] = (
     ('a force with x |x|', lambda x, v: x * np.abs(x)),  # noqa: ARG005
     ('a force with the fifth power of the displacement', lambda x, v: x**5),  # noqa: ARG005
     ('damping that depends on the direction', lambda x, v: np.abs(v)),  # noqa: ARG005
+    ('a force with the square of the speed', lambda x, v: v * v),  # noqa: ARG005
+    ('damping with the square of the speed one way', lambda x, v: np.maximum(v, 0.0) ** 2),  # noqa: ARG005
+    ('damping with the square of the speed one way', lambda x, v: np.minimum(v, 0.0) ** 2),  # noqa: ARG005
     ('damping with the cube of the speed', lambda x, v: v**3),  # noqa: ARG005
     ('damping with the root of the speed', lambda x, v: np.sign(v) * np.sqrt(np.abs(v))),  # noqa: ARG005
     ('damping with |v|^1.5', lambda x, v: v * np.sqrt(np.abs(v))),  # noqa: ARG005
@@ -90,6 +93,8 @@ STATE: tuple[tuple[str, Callable[[Array, Array], Array]], ...] = (
     ('friction that grows with the displacement', lambda x, v: np.abs(x) * np.sign(v)),
     ('friction that grows with its square', lambda x, v: x * x * np.sign(v)),
     ('friction that grows to one side', lambda x, v: np.maximum(x, 0.0) * np.sign(v)),
+    ('friction that grows to one side', lambda x, v: np.minimum(x, 0.0) * np.sign(v)),
+    ('a stiffness to one side', lambda x, v: np.maximum(x, 0.0)),  # noqa: ARG005
     ('stiffness that falls with the speed', lambda x, v: x * np.abs(v)),
     ('stiffness that falls with the square of the speed', lambda x, v: x * v * v),
     ('a spring that sets in with the root', lambda x, v: np.sign(x) * np.sqrt(np.abs(x))),  # noqa: ARG005
