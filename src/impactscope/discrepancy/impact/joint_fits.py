@@ -7,6 +7,7 @@ everything else, and their fall of chi-square is weighed against the number of l
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -35,6 +36,7 @@ Array = NDArray[np.float64]
 LOST = 2.0
 """Reduced chi-square above which a longer window tells nothing more."""
 
+_SUSPECTED = 0.1  # chance, all looks together, up to which a candidate is fitted again later
 _JOINT = 6  # candidates that are fitted jointly in a step
 
 
@@ -50,7 +52,11 @@ class JointFits:
     remembered: Remembered = field(default_factory=Remembered)
 
     def step(
-        self, current: Fit, sound: Fit | None = None, most: int = 0
+        self,
+        current: Fit,
+        sound: Fit | None = None,
+        most: int = 0,
+        suspected: Sequence[Found] = (),
     ) -> tuple[list[Found], int, Fit]:
         """Candidates fitted jointly, the best first; their number; the model without them.
 
@@ -58,6 +64,7 @@ class JointFits:
 
         ``sound``: a fit of the same model to a shorter window that had nothing amiss; where the
         misfit is large, its numbers are closer to the truth than those that were bent to fit.
+        ``suspected``: candidates that a shorter window has not borne out.
         """
         listed = candidates(current, self.baseline_names)
         place = current
@@ -65,10 +72,38 @@ class JointFits:
             place = at_point(current.model, current.layout, sound.x)
         trials = self.order(place, listed)
         found = self.judge(current, trials, len(listed), most or _JOINT)
+        found = self._with_suspected(current, found, suspected, len(listed))
         if current.reduced > LOST and not most:
             found = self._strong(current, found, len(listed))
         found, settled = self._settle(current, found, len(listed))
         return found, len(listed), settled
+
+    @staticmethod
+    def _with_suspected(
+        current: Fit, found: list[Found], suspected: Sequence[Found], looks: int
+    ) -> list[Found]:
+        """What was fitted, and what a shorter window was about to find; the best first.
+
+        Numbers of the baseline that late contacts have bent hide it from a look at its slopes.
+        """
+        known = {f.candidate.label for f in found}
+        added = []
+        for before in suspected:
+            candidate = before.candidate
+            if before.p_value > _SUSPECTED or candidate.label in known or not candidate.free:
+                continue
+            model = candidate.extend(current.model)
+            own = {f.key for f in candidate.free}
+            mine = {k: v for k, v in before.fit.values.items() if k in own}
+            fits = []
+            for numbers in ({**current.values, **mine}, {**current.values, **before.fit.values}):
+                x = np.array([f.to_inner(numbers.get(f.key, f.start)) for f in model.free])
+                with contextlib.suppress(ImpactscopeError):
+                    fits.append(fit(model, current.layout, x, settled=0.1, near=current))
+            if fits:
+                best = min(fits, key=lambda f: f.chi_square)
+                added.append(weigh(candidate, best, current, looks))
+        return sorted([*found, *added], key=lambda f: f.criterion)
 
     def _strong(self, current: Fit, found: list[Found], looks: int) -> list[Found]:
         """Candidates fitted from better places where much is missing; the best first."""

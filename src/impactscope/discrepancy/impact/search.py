@@ -407,13 +407,13 @@ class Search:
 
     def _forward(self, current: Fit, outcome: Outcome, sound: Fit | None, *, last: bool) -> Fit:
         """Add what is missing within the current window, one candidate after the other."""
-        outcome.last = []
+        suspected, outcome.last = outcome.last, []
         while len(outcome.accepted) < _MOST:
             spare = bool(outcome.accepted) or (outcome.looks > 1 and not last)
             if spare and not lasts('further effects'):
                 break
-            found, outcome.looks, current = self.fits.step(current, sound)
-            sound = None
+            found, outcome.looks, current = self.fits.step(current, sound, suspected=suspected)
+            sound, suspected = None, []
             outcome.last = found
             allowed = self.thresholds.false_finding / (1 + len(_LOOKED))
             good = [f for f in found if f.counts(allowed)]
