@@ -15,7 +15,7 @@ from impactscope.proof.detectability import Freedom
 from impactscope.proof.draw import KINDS, solve_strength
 from impactscope.proof.effects import effect
 from impactscope.proof.marking import mark
-from impactscope.proof.measurement import measure, noise_free
+from impactscope.proof.measurement import _filtered, measure, noise_free
 from impactscope.proof.noise import (
     COLOURS,
     WHITE,
@@ -26,6 +26,7 @@ from impactscope.proof.noise import (
     seen_better,
     spectrum,
 )
+from impactscope.proof.scenario import Chain
 
 
 def covariance(colour: Colour, size: int):
@@ -174,3 +175,11 @@ def test_to_name_the_steps_of_a_converter_is_no_finding():
     assert mark('c', sealed | {'tolerated': []}, reply, 1.0).finding
     assert mark('c', sealed, reply | {'accepted': ['quantisation', 'offset']}, 1.0).finding
     assert mark('c', sealed, reply | {'unexplained': True}, 1.0).finding
+
+
+def test_a_filter_beyond_half_the_rate_lets_everything_pass():
+    signal = np.random.default_rng(1).standard_normal(200)
+    chain = Chain(cutoff=6000.0, order=2)
+    assert _filtered(signal, chain, 10_000.0) is not signal
+    np.testing.assert_allclose(_filtered(signal, chain, 10_000.0), signal)
+    assert np.max(np.abs(_filtered(signal, chain, 40_000.0) - signal)) > 0.1

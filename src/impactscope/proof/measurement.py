@@ -39,6 +39,7 @@ INPUTS = {  # what is recorded beside the responses, by kind of campaign
     'chain': 'acceleration.raw',
 }
 REFERENCE = 'displacement.reference'  # what an axis is to follow, recorded beside its input
+HIGHEST = 0.499  # cut-off over the rate
 RELEASE = 0.01  # s, in which the pendulum is let go
 FINE_RATE = 40e3  # Hz at least, at which analogue filters are followed
 REPEATABLE = 1e-4  # of an impact speed: what no bench repeats and no two simulations agree on
@@ -185,7 +186,7 @@ def _filtered(signal: Array, chain: Chain, rate: float) -> Array:
         return signal
     begin = signal[0]  # what was there for long has passed, or decayed behind AC coupling
     signal = signal - begin
-    if chain.cutoff > 0:
+    if 0 < chain.cutoff < HIGHEST * rate:  # a filter above passes all that there is
         sections = _sections(chain.order, chain.cutoff, rate)
         run: Callable[..., Array] = sosfiltfilt if chain.zero_phase else sosfilt
         signal = run(sections, signal)
