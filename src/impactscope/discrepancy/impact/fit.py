@@ -39,6 +39,7 @@ _STEP = 0.02  # of a number's scale, for finite differences at most
 _FELT = 3.0  # norm of the change of all residuals that a step shall make
 _SETTLED = 0.02  # fall of chi-square, over its mean, below which a fit has converged
 _UPDATED = 3  # steps in a row for which slopes are brought up to date and not taken anew
+_FAR_OFF = 4.0  # times the chi-square of a fit, from which a start is not close by
 _STRAIGHT = (0.3, 1.7)  # fall over the expected one, within which they are
 _ROUGH = 1.0  # ``settled`` of fits on the way to others
 _FELT_BY = (0.1, 0.3, 1.0, 3.0)  # the same, of the steps either way for exact slopes
@@ -257,7 +258,7 @@ def fit(
 
     ``settled``: fall of chi-square below which the fit has converged, in units of the reduced
     chi-square that is left: where the model misses by far, digits of chi-square tell nothing.
-    ``near``: a fit close by, whose sensitivities serve for the first step.
+    ``near``: a fit close by, whose sensitivities serve for the first step unless it leads far off.
 
     Between full evaluations slopes are brought up to date by each step that went about as they
     said (Broyden, Math. Comp. 19, 1965); before a fit counts as converged they are taken anew,
@@ -268,6 +269,8 @@ def fit(
     x = np.clip(x, lower, upper)
     residuals = model.residuals(x, layout)
     cost = float(residuals @ residuals)
+    if near is not None and cost > _FAR_OFF * max(near.chi_square, float(layout.size)):
+        near = None  # its slopes tell nothing there
     slopes, updates = _first_slopes(model, layout, x, residuals, near)
     damping, growth, converged = 1e-4, 2.0, False
     for _ in range(iterations):
