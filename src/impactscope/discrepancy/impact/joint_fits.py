@@ -21,6 +21,7 @@ from impactscope.discrepancy.impact.candidate import Candidate
 from impactscope.discrepancy.impact.candidates import candidates
 from impactscope.discrepancy.impact.chain_candidates import delays_like
 from impactscope.discrepancy.impact.fit import Fit, at_point, fit
+from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.discrepancy.impact.outcome import QUIET, Found, settled_without, weigh
 from impactscope.discrepancy.impact.strong import in_place_of, race, related
 from impactscope.discrepancy.impact.workbench import Remembered, Trial, Workbench
@@ -37,6 +38,8 @@ LOST = 2.0
 """Reduced chi-square above which a longer window tells nothing more."""
 
 _SUSPECTED = 0.1  # chance, all looks together, up to which a candidate is fitted again later
+_RUNG, _AS_MUCH = 60.0, 0.3  # of chi-square, and of the best gain, from which that is done
+_FREQUENCIES = tuple(float(f) for f in np.geomspace(30.0, 600.0, 9))  # Hz
 _JOINT = 6  # candidates that are fitted jointly in a step
 
 
@@ -193,12 +196,46 @@ class JointFits:
             found.append(weigh(candidate, joint, current, looks))
             if len(found) == 1 and candidate.name in all_mechanisms():
                 kin = set(mechanism(candidate.name).kin)
+        found = self._rung_elsewhere(current, found, looks)
         found.sort(key=lambda f: f.criterion)
         like = found and found[0].candidate.name in ('low_pass_filter', 'clock_error')
         if like and lasts('filters of other orders'):
             found += self._delays(current, found[0], looks)
             found.sort(key=lambda f: f.criterion)
         return found
+
+    @staticmethod
+    def _rung_elsewhere(current: Fit, found: list[Found], looks: int) -> list[Found]:
+        """What was fitted, what rings from frequencies all over where it explains about as much.
+
+        A soft fixture of little mass re-tunes the sensor: at which frequency is not seen before
+        that is done.
+        """
+        top = max((f.gain for f in found), default=0.0)
+        better = []
+        for item in found:
+            candidate = item.candidate
+            key = f'{candidate.label}.frequency'
+            strong = item.gain > max(_RUNG, _AS_MUCH * top)
+            if key not in {f.key for f in candidate.free} or candidate.channel or not strong:
+                better.append(item)
+                continue
+            if not lasts('other frequencies of what rings'):
+                return found
+            model = candidate.extend(current.model)
+
+            def fitted(frequency: float, model: ImpactModel = model, key: str = key) -> Fit | None:
+                numbers = {**current.values, key: frequency}
+                x = np.array([f.to_inner(numbers.get(f.key, f.start)) for f in model.free])
+                try:
+                    return fit(model, current.layout, x, settled=0.1, iterations=40)
+                except ImpactscopeError:
+                    return None
+
+            fits = [f for f in side_by_side(fitted, _FREQUENCIES) if f is not None]
+            best = min((item.fit, *fits), key=lambda f: f.chi_square)
+            better.append(weigh(candidate, best, current, looks))
+        return better
 
     @staticmethod
     def _delays(current: Fit, like: Found, looks: int) -> list[Found]:

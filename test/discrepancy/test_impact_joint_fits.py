@@ -1,4 +1,4 @@
-"""What a shorter window was about to find is fitted again in a longer one."""
+"""Candidates that are fitted jointly: those of a shorter window, and those that ring."""
 
 import dataclasses
 
@@ -44,3 +44,41 @@ def test_neither_what_chance_gives_nor_what_was_fitted_is_fitted_again(windows):
     assert JointFits._with_suspected(whole, [], [by_chance], 40) == []
     doubtful = dataclasses.replace(before, p_value=0.01)
     assert JointFits._with_suspected(whole, [before], [doubtful], 40) == [before]
+
+
+@pytest.fixture(scope='module')
+def soft_fixture(make_campaign):
+    """A baseline of the first 0.25 s, and a soft fixture fitted at a wrong frequency."""
+    values = {'frequency': 146.0, 'mass': 6.0, 'damping_ratio': 0.02}
+    campaign = make_campaign(43, [Effect('base_compliance', values)])
+    recordings = tuple(
+        dataclasses.replace(
+            r, channels={n: c for n, c in r.channels.items() if n != 'acceleration.base'}
+        )
+        for r in campaign.recordings
+    )
+    campaign = dataclasses.replace(campaign, recordings=recordings)
+    whole = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    current = fit(whole.model, whole.model.layout(whole.layout.blows, 0.25), whole.x)
+    fixture = next(c for c in candidates(current, ()) if c.label == 'base_compliance')
+    model = fixture.extend(current.model)
+    far = {**current.values, 'base_compliance.frequency': 360.0, 'base_compliance.mass': 20.0}
+    x = np.array([f.to_inner(far.get(f.key, f.start)) for f in model.free])
+    return current, weigh(fixture, fit(model, current.layout, x), current, 40)
+
+
+def test_a_soft_fixture_is_sought_at_frequencies_all_over(soft_fixture):
+    current, before = soft_fixture
+    assert abs(before.fit.values['base_compliance.frequency'] - 146.0) > 20.0
+    strong = dataclasses.replace(before, gain=80.0)
+    (found,) = JointFits._rung_elsewhere(current, [strong], 40)
+    assert found.gain > strong.gain + 50.0
+    assert found.fit.values['base_compliance.frequency'] == pytest.approx(146.0, abs=3.0)
+
+
+def test_what_explains_far_less_than_another_is_not(soft_fixture):
+    current, before = soft_fixture
+    other = dataclasses.replace(
+        before, candidate=dataclasses.replace(before.candidate, channel='force'), gain=1e6
+    )
+    assert JointFits._rung_elsewhere(current, [other, before], 40) == [other, before]
