@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -13,17 +14,21 @@ from impactscope.discrepancy.impact.model import Free, Layout
 SIZE = 400
 
 
+@dataclasses.dataclass(eq=False)
 class Bounce:
     """Two numbers that residuals hardly part, and samples that jump once the first has grown."""
 
-    def __init__(self, jump: float, edge: float, seed: int = 3) -> None:
-        rng = np.random.default_rng(seed)
+    jump: float
+    edge: float
+    seed: int = 3
+    steps: dict[str, float] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self):
+        rng = np.random.default_rng(self.seed)
         self.noise = rng.standard_normal(SIZE)
         self.a = rng.standard_normal(SIZE) * 4.0
         self.b = self.a + 0.3 * rng.standard_normal(SIZE)
-        self.jump, self.edge = jump, edge
         self.free = (Free('one', 0.0, 10.0), Free('two', 0.0, 10.0))
-        self.steps: dict[str, float] = {}
 
     def start(self):
         return np.zeros(2)
@@ -84,3 +89,14 @@ def test_a_settled_fit_is_at_the_bottom_of_its_minimum():
     design = np.stack([bounce.a, bounce.b], axis=1)
     assert best.x == pytest.approx(np.linalg.lstsq(design, bounce.noise, rcond=None)[0])
     assert best.chi_square < start.chi_square
+
+
+def test_what_one_fit_learns_of_a_model_changes_no_other(bounce):
+    start = np.array([0.02, -0.01])
+    slopes = jacobian(bounce, start, LAYOUT, bounce.residuals(start, LAYOUT))
+    found = fit(bounce, LAYOUT, start)
+    assert found.model.steps
+    assert not bounce.steps
+    again = jacobian(bounce, start, LAYOUT, bounce.residuals(start, LAYOUT))
+    assert np.array_equal(slopes, again)
+    assert np.array_equal(fit(bounce, LAYOUT, start).x, found.x)

@@ -70,9 +70,9 @@ def soft_fixture(make_campaign):
 def test_a_soft_fixture_is_sought_at_frequencies_all_over(soft_fixture):
     current, before = soft_fixture
     assert abs(before.fit.values['base_compliance.frequency'] - 146.0) > 20.0
-    strong = dataclasses.replace(before, gain=80.0)
-    (found,) = JointFits._rung_elsewhere(current, [strong], 40)
-    assert found.gain > strong.gain + 50.0
+    assert JointFits._rung_elsewhere(current, [before], {}, 40) == [before]  # is too little
+    (found,) = JointFits._rung_elsewhere(current, [before], {'base_compliance': 80.0}, 40)
+    assert found.gain > before.gain + 50.0
     assert found.fit.values['base_compliance.frequency'] == pytest.approx(146.0, abs=3.0)
 
 
@@ -81,4 +81,7 @@ def test_what_explains_far_less_than_another_is_not(soft_fixture):
     other = dataclasses.replace(
         before, candidate=dataclasses.replace(before.candidate, channel='force'), gain=1e6
     )
-    assert JointFits._rung_elsewhere(current, [other, before], 40) == [other, before]
+    assert JointFits._rung_elsewhere(current, [other, before], {'base_compliance': 80.0}, 40) == [
+        other,
+        before,
+    ]

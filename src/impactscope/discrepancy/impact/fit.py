@@ -31,6 +31,7 @@ __all__ = [
     'jacobian',
     'projector',
     'settled',
+    'stepping',
 ]
 
 Array = NDArray[np.float64]
@@ -129,10 +130,24 @@ def jacobian(
 
     for j, changed in zip(wanted, side_by_side(column, wanted), strict=True):
         result[:, j] = changed
-        norm = float(np.linalg.norm(changed))
-        # later contacts amplify: a step that is small at the onset may be far too large there
-        model.steps[model.free[j].key] = _FELT / max(norm, 1e-300)
     return result
+
+
+def stepping(
+    model: ImpactModel, layout: Layout, slopes: Array, only: Sequence[int] | None = None
+) -> ImpactModel:
+    """The model with steps for its next finite differences that are felt about as wanted.
+
+    ``slopes``: as they are, shape (n_residuals, n_free); ``only``: the columns that are known.
+    Later contacts amplify: a step that is small at the onset may be far too large there.
+    """
+    norms = np.linalg.norm(slopes, axis=0)
+    steps = dict(model.steps)
+    for j in range(norms.size) if only is None else only:
+        number = model.free[j]
+        if number.blow is None or number.blow in layout.blow_spans:
+            steps[number.key] = _FELT / max(float(norms[j]), 1e-300)
+    return dataclasses.replace(model, steps=steps)
 
 
 def exact_slopes(found: Fit) -> Array:
@@ -272,6 +287,7 @@ def fit(
     if near is not None and cost > _FAR_OFF * max(near.chi_square, float(layout.size)):
         near = None  # its slopes tell nothing there
     slopes, updates = _first_slopes(model, layout, x, residuals, near)
+    model = stepping(model, layout, slopes)
     damping, growth, converged = 1e-4, 2.0, False
     for _ in range(iterations):
         # on the way a fit that misses by far has to go on, however slowly it comes nearer
@@ -296,6 +312,7 @@ def fit(
                 converged = True
                 break
             slopes, updates = jacobian(model, x, layout, residuals), 0
+            model = stepping(model, layout, slopes)
             continue
         try:
             moved = model.residuals(trial, layout)
@@ -317,9 +334,11 @@ def fit(
                 updates += 1
             else:
                 slopes, updates = jacobian(model, x, layout, residuals), 0
+                model = stepping(model, layout, slopes)
         else:
             if updates:
                 slopes, updates = jacobian(model, x, layout, residuals), 0
+                model = stepping(model, layout, slopes)
                 continue
             damping *= growth
             growth *= 2.0

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -196,7 +196,8 @@ class JointFits:
             found.append(weigh(candidate, joint, current, looks))
             if len(found) == 1 and candidate.name in all_mechanisms():
                 kin = set(mechanism(candidate.name).kin)
-        found = self._rung_elsewhere(current, found, looks)
+        promised = {t.candidate.label: t.gain for t in trials}
+        found = self._rung_elsewhere(current, found, promised, looks)
         found.sort(key=lambda f: f.criterion)
         like = found and found[0].candidate.name in ('low_pass_filter', 'clock_error')
         if like and lasts('filters of other orders'):
@@ -205,18 +206,21 @@ class JointFits:
         return found
 
     @staticmethod
-    def _rung_elsewhere(current: Fit, found: list[Found], looks: int) -> list[Found]:
+    def _rung_elsewhere(
+        current: Fit, found: list[Found], promised: Mapping[str, float], looks: int
+    ) -> list[Found]:
         """What was fitted, what rings from frequencies all over where it explains about as much.
 
         A soft fixture of little mass re-tunes the sensor: at which frequency is not seen before
-        that is done.
+        that is done. ``promised``: fall of chi-square by label before anything was fitted.
         """
         top = max((f.gain for f in found), default=0.0)
         better = []
         for item in found:
             candidate = item.candidate
             key = f'{candidate.label}.frequency'
-            strong = item.gain > max(_RUNG, _AS_MUCH * top)
+            told = max(item.gain, promised.get(candidate.label, 0.0))
+            strong = told > max(_RUNG, _AS_MUCH * top)
             if key not in {f.key for f in candidate.free} or candidate.channel or not strong:
                 better.append(item)
                 continue

@@ -174,7 +174,7 @@ class ImpactModel:
     constants: Mapping[str, float]
     free: tuple[Free, ...]
     effects: tuple[ActiveEffect, ...]
-    steps: dict[str, float] = field(default_factory=dict, repr=False)  # of finite differences
+    steps: Mapping[str, float] = field(default_factory=dict, repr=False)  # of finite differences
     solutions: list[Kept[_Solution]] = field(default_factory=list, repr=False)  # of each blow
     moments: Kept[_Moments] = field(default_factory=lambda: Kept(_MOMENTS), repr=False)
     whiteners: Kept[Whitener] = field(default_factory=lambda: Kept(_WHITENERS), repr=False)
@@ -198,7 +198,6 @@ class ImpactModel:
             constants={**self.constants, **(constants or {})},
             free=(*(f for f in self.free if f.key not in keys), *free),
             effects=(*(e for e in self.effects if e.name not in without_effects), *effects),
-            steps=dict(self.steps),
         )
 
     # --- numbers ---------------------------------------------------------------------------

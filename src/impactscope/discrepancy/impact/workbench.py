@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.impact.candidate import Candidate, stronger
-from impactscope.discrepancy.impact.fit import Fit, at_point, exact_slope, jacobian, projector
+from impactscope.discrepancy.impact.fit import (
+    Fit,
+    at_point,
+    exact_slope,
+    jacobian,
+    projector,
+    stepping,
+)
 from impactscope.discrepancy.impact.model import ImpactModel
 from impactscope.discrepancy.side_by_side import side_by_side
 from impactscope.errors import ImpactscopeError
@@ -297,7 +304,9 @@ class Workbench:
             left = self._out(self._aligned(model, residuals))
             cost = float(left @ left)
             for _ in range(iterations):
-                slopes = jacobian(model, x, layout, residuals, only=new)[:, new]
+                slopes = jacobian(model, x, layout, residuals, only=new)
+                model = stepping(model, layout, slopes, only=new)
+                slopes = slopes[:, new]
                 columns = np.stack(
                     [self._out(self._aligned(model, slopes[:, k])) for k in range(len(new))], 1
                 )
