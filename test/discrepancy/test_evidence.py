@@ -16,6 +16,7 @@ from impactscope.discrepancy.evidence import (
     is_white,
     least_gain,
     noise_std,
+    price,
     probabilities,
     quantisation_step,
     spread_p_value,
@@ -98,3 +99,18 @@ def test_what_many_samples_bear_counts_and_what_few_bear_does_not():
     worse = np.full(1000, -0.2)
     assert borne_by_many(worse, 3, 9.0) == pytest.approx(-200.0)
     assert borne_by_many(few[:3], 3, 9.0) == 0.0
+
+
+@given(st.floats(0.0, 1e5), st.integers(0, 5), st.integers(1, 60), st.integers(10, 10**6))
+def test_numbers_of_one_kind_cost_no_more_than_as_many_of_their_own(gain, shared, own, samples):
+    plain = information(0.0, shared + own, samples)
+    assert price(gain, shared, 0, samples) == pytest.approx(information(0.0, shared, samples))
+    cost = price(gain, shared, own, samples)
+    assert information(0.0, shared, samples) <= cost <= plain + 1e-9
+    assert cost <= price(2.0 * gain, shared, own, samples)
+
+
+def test_numbers_of_one_kind_that_chance_gives_never_pay():
+    rng = np.random.default_rng(5)
+    for gain in rng.chisquare(14, 500):
+        assert price(float(gain), 0, 14, 40_000) > gain - 5.0

@@ -1,13 +1,15 @@
 """A hum must be there before the blow, too, where the channel is compared there."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from impactscope.discrepancy.impact.candidate import Candidate
+from impactscope.discrepancy.impact.estimates import estimates
 from impactscope.discrepancy.impact.joint_fits import _everywhere
-from impactscope.discrepancy.impact.model import Free
+from impactscope.discrepancy.impact.model import ActiveEffect, Free
 from impactscope.discrepancy.impact.outcome import Outcome, weigh
 from impactscope.discrepancy.impact.search import _without_strayed_line
 
@@ -51,7 +53,8 @@ def hum_at(frequencies):
     model = SimpleNamespace(data=SimpleNamespace(blows=[blow]))
     frequency = Free('mains_hum:force.frequency', 50.0, 0.02, 10.0, 1000.0)
     others = tuple(Free(f'part{i}', 0.0, 1.0, blow=i // 2) for i in range(16))
-    hum = Candidate('hum', 'mains_hum', 'measurement', free=(frequency, *others))
+    own = tuple(range(8))
+    hum = Candidate('hum', 'mains_hum', 'measurement', (frequency, *others), fitted=own)
     layout = SimpleNamespace(size=30000)
     before = SimpleNamespace(
         chi_square=30070.0, layout=layout, residuals=np.full(30000, np.sqrt(30070 / 30000))
@@ -81,6 +84,18 @@ def test_a_line_away_from_the_mains_pays_for_every_frequency():
     assert found[87.2].criterion > found[60.1].criterion
 
 
+def test_a_weak_hum_in_every_recording_pays_for_their_phases():
+    hum, fitted, before = hum_at((60.1,))
+    found = weigh(hum, fitted[60.1], before, 40)
+    assert hum.cost == 17
+    assert found.criterion < 0.0 < 17 * np.log(30000) - found.gain
+
+
+def test_recordings_that_are_not_fitted_cost_nothing():
+    hum, _, _ = hum_at(())
+    assert dataclasses.replace(hum, fitted=(0, 1, 2)).cost == 7
+
+
 @pytest.mark.parametrize(('where', 'stands'), [(60.1, True), (59.49, False)])
 def test_a_line_that_has_left_the_mains_is_no_hum(where, stands):
     """It was taken for one beside the mains, and the last digits of the fit moved it away."""
@@ -89,3 +104,32 @@ def test_a_line_that_has_left_the_mains_is_no_hum(where, stands):
     _without_strayed_line(outcome)
     assert outcome.accepted == ([hum] if stands else [])
     assert (outcome.final is before) is not stands
+
+
+def test_noise_makes_the_amplitude_of_a_weak_hum_no_larger():
+    rng = np.random.default_rng(3)
+    blows = tuple(range(400))
+    parts = rng.normal((2.0, 0.0), 1.0, (400, 2))
+    keys = [f'mains_hum:force.{part}@{i}' for i in blows for part in ('sine', 'cosine')]
+    own = {key: Free(key, 0.0, 1.0) for key in keys}
+    channel = SimpleNamespace(unit='N')
+    fitted = SimpleNamespace(
+        values={
+            'mains_hum:force.frequency': 50.0,
+            'mains_hum:force.amplitude': 0.0,
+            **dict(zip(keys, parts.ravel().tolist(), strict=True)),
+        },
+        std=lambda key: 1.0 if key in own else 0.0,
+        model=SimpleNamespace(
+            free=tuple(own.values()),
+            data=SimpleNamespace(
+                fitted=blows, blows=[SimpleNamespace(channels={'force': channel})]
+            ),
+        ),
+    )
+    active = ActiveEffect('mains_hum', 'force')
+    hum = Candidate('hum', 'mains_hum', 'measurement', effects=(active,), channel='force')
+    amplitude = estimates(hum, fitted)['amplitude']
+    assert amplitude.unit == 'N'
+    assert abs(amplitude.value - 2.0) < 3.0 * amplitude.std
+    assert amplitude.std == pytest.approx(1.0 / np.sqrt(400))

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from impactscope.discrepancy.evidence import price
 from impactscope.discrepancy.impact.model import ActiveEffect, Free, ImpactModel
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
@@ -40,11 +41,20 @@ class Candidate:
     recording: str = ''
     parameter: str = ''  # of the baseline, where that is what is wrong
     doubt: float = 0.0  # -2 log of its prior probability among its like
+    fitted: tuple[int, ...] = ()  # recordings whose own numbers count, where it has such
 
     @property
     def cost(self) -> int:
         """Number of further numbers of which nothing is known; at least one."""
-        return max(1, sum(f.prior is None for f in self.free))
+        return max(1, sum(f.prior is None and f.blow is None for f in self.free) + self._own)
+
+    @property
+    def _own(self) -> int:
+        return sum(f.prior is None and f.blow in self.fitted for f in self.free)
+
+    def price(self, gain: float, samples: int) -> float:
+        """Fall of chi-square that its numbers cost, of the ``gain`` that it brings."""
+        return price(gain, self.cost - self._own, self._own, samples)
 
     def extend(self, model: ImpactModel) -> ImpactModel:
         """The model with this candidate in it."""

@@ -56,6 +56,7 @@ def chain_candidates(kind: Mechanism, channel: str, scene: Scene) -> Iterator[Ca
             constants={f'{tag}.amplitude': 0.0, f'{tag}.phase': 0.0},
             starts=tuple({f'{tag}.frequency': f, **parts} for f in frequencies),
             amplitudes=dict.fromkeys(parts, 0.0),
+            fitted=scene.model.data.fitted,
             **common,  # type: ignore[arg-type]
         )
     elif kind.name == 'saturation':

@@ -75,10 +75,13 @@ def estimates(candidate: Candidate, fitted: Fit) -> dict[str, ParameterEstimate]
     if candidate.name == 'mains_hum':
         tag = candidate.effects[0].tag
         blows = fitted.model.data.fitted
-        size = [math.hypot(values[f'{tag}.sine@{i}'], values[f'{tag}.cosine@{i}']) for i in blows]
-        std = math.sqrt(sum(fitted.std(f'{tag}.sine@{i}') ** 2 for i in blows)) / len(blows)
+        parts = [f'{tag}.{part}@{i}' for i in blows for part in ('sine', 'cosine')]
+        chance = sum(fitted.std(key) ** 2 for key in parts)
+        # noise makes each part larger, whatever its sign
+        square = max(sum(values[key] ** 2 for key in parts) - chance, 0.0) / len(blows)
+        std = math.sqrt(0.5 * chance) / len(blows)
         unit = result['amplitude'].unit
-        result['amplitude'] = ParameterEstimate(float(np.mean(size)), std, unit)
+        result['amplitude'] = ParameterEstimate(math.sqrt(square), std, unit)
         result.pop('phase', None)
     return result
 

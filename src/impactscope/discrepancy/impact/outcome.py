@@ -87,10 +87,12 @@ def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
     """A joint fit against the model without the candidate."""
     gain = evidence_for(joint, current)
     places = _places(candidate, joint)
-    criterion = information(-gain, candidate.cost, joint.layout.size, places) + candidate.doubt
+    samples = joint.layout.size
+    criterion = information(candidate.price(gain, samples) - gain, 0, samples, places)
     chance = family_p_value(gain, candidate.cost, looks * places)
     # a line of any frequency, each recording with its own phase, must pay for all
-    return Found(candidate, joint, gain, chance, criterion, places > 1 and criterion > 0.0)
+    dear = places > 1 and information(-gain, candidate.cost, samples, places) > 0.0
+    return Found(candidate, joint, gain, chance, criterion + candidate.doubt, dear)
 
 
 def _places(candidate: Candidate, joint: Fit) -> int:

@@ -167,18 +167,19 @@ def _instead(
                 other = fuller
     if other is None:
         return None
-    worse, cost = _against(candidate, other, mine.candidate, outcome.final)
+    worse, cost = _against(candidate, other, mine, outcome.final)
     chance = family_p_value(mine.gain - worse, candidate.cost, outcome.looks)
     return Found(candidate, other, mine.gain - worse, chance, mine.criterion + worse + cost)
 
 
-def _against(candidate: Candidate, other: Fit, mine: Candidate, final: Fit) -> tuple[float, float]:
+def _against(candidate: Candidate, other: Fit, found: Found, final: Fit) -> tuple[float, float]:
     """What another candidate leaves more than a finding, and what it costs more.
 
     A law that contains another one is asked whether chance would gain as much by its further
     numbers, not whether these pay for all samples: of two laws of one kind neither is likelier
     from the outset.
     """
+    mine = found.candidate
     least = Thresholds().false_finding
     doubt = candidate.doubt - mine.doubt
     more = candidate.cost - mine.cost
@@ -188,7 +189,9 @@ def _against(candidate: Candidate, other: Fit, mine: Candidate, final: Fit) -> t
         return evidence_for(final, other), doubt - least_gain(-more, 1, least)
     spread = max(1.0, min(other.reduced, final.reduced))
     worse = (other.chi_square - final.chi_square) / spread
-    return worse, more * math.log(final.layout.size) + doubt
+    size = final.layout.size
+    dearer = candidate.price(found.gain - worse, size) - mine.price(found.gain, size)
+    return worse, dearer + doubt
 
 
 def _model(outcome: Outcome, chosen: Sequence[Candidate]) -> ImpactModel:

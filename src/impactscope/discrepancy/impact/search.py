@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.evidence import (
     Thresholds,
     family_p_value,
-    information,
 )
 from impactscope.discrepancy.impact.adequacy import adequacy
 from impactscope.discrepancy.impact.candidate import Candidate
@@ -329,13 +328,13 @@ class Search:
         listed = candidates(start, self.baseline_names)
         names = {c.name for c in outcome.accepted}
         others = [c for c in listed if c.name not in names]
-        cost = sum(c.cost for c in outcome.accepted)
+        size = current.layout.size
+        price = sum(c.price(outcome.found[c.label].gain, size) for c in outcome.accepted)
         gain = (start.chi_square - current.chi_square) / max(1.0, current.reduced)
         # each further finding was chosen among all candidates, which one alone was but once
         chosen = 2.0 * math.log(len(listed)) * (len(outcome.accepted) - 1)
-        reached = information(-gain, cost, current.layout.size) + chosen
-        dearer = chosen + cost * math.log(current.layout.size)
-        found = self._alone(start, current, others, len(listed), dearer)
+        reached = price - gain + chosen
+        found = self._alone(start, current, others, len(listed), chosen + price)
         for item in found:
             if item.criterion > reached or item.refused or item.fit.reduced > QUIET:
                 continue

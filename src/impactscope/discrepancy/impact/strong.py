@@ -326,7 +326,7 @@ def _of_same_unit(
     known: Mapping[str, float], leader: Fit, candidate: Candidate
 ) -> list[dict[str, float]]:
     """Numbers of a candidate taken from those of mechanisms that the leader has."""
-    if candidate.name not in all_mechanisms() or candidate.cost > 4 or candidate.channel:
+    if candidate.name not in all_mechanisms() or candidate.fitted or candidate.channel:
         return []
     there: dict[str, list[float]] = {}
     for effect in leader.model.effects:

@@ -139,7 +139,7 @@ class Workbench:
     def _tried(self, candidate: Candidate, start: Mapping[str, float]) -> Trial | None:
         model = candidate.extend(self.current.model)
         x = self.vector(model, start)
-        if candidate.cost > 4:  # a number for each blow: linear
+        if candidate.fitted:  # a number for each blow: linear
             return self.refined(Trial(candidate, 0.0, model, x), 1)
         place = candidate.label, tuple(sorted(start.items()))
         known = None if self.remembered is None else self.remembered.weak.get(place)
@@ -209,7 +209,8 @@ class Workbench:
     def scaled(self, trial: Trial, rounds: int = 3) -> Trial:
         """A trial with its strength brought to where it fits best, by simulation."""
         candidate = trial.candidate
-        if not candidate.amplitudes or candidate.cost > 4 or candidate.free[0].key in self.keys:
+        alone = candidate.fitted or not candidate.amplitudes
+        if alone or candidate.free[0].key in self.keys:
             return trial
         model, x = trial.model, trial.x
         best: Trial | None = None
