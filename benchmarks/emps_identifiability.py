@@ -24,11 +24,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.campaign_files import load_campaign
-from impactscope.discrepancy.driven.fitting import FINE, Fit, counted, fit, numbers_of
-from impactscope.discrepancy.driven.model import OscillatorModel, Segment
-from impactscope.discrepancy.driven.oscillation import linear_oscillator
-from impactscope.discrepancy.driven.recordings import cuts
-from impactscope.discrepancy.driven.terms import Term
+from impactscope.discrepancy.driven.data.recordings import cuts
+from impactscope.discrepancy.driven.fits.simulation_error import (
+    FINE,
+    Fit,
+    counted,
+    fit,
+    numbers_of,
+)
+from impactscope.discrepancy.driven.models.model import Segment
+from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
+from impactscope.discrepancy.driven.models.terms import Term
+from impactscope.discrepancy.driven.systems.linear_oscillator import linear_oscillator
 from impactscope.discrepancy.single_thread import single_threaded
 
 Array = NDArray[np.float64]

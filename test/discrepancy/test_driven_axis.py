@@ -10,9 +10,13 @@ from scipy import signal
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.oscillation import linear_oscillator
-from impactscope.discrepancy.driven.recordings import cuts, first_state, rests
-from impactscope.discrepancy.driven.spectral import counting_share, stepped, whitening
+from impactscope.discrepancy.driven.data.recordings import cuts, first_state, rests
+from impactscope.discrepancy.driven.noise.spectral_whitening import (
+    counting_share,
+    stepped,
+    whitening,
+)
+from impactscope.discrepancy.driven.systems.linear_oscillator import linear_oscillator
 
 RATE, FINE = 500.0, 200
 MASS, DAMPING, STEP = 60.0, 150.0, 5e-6

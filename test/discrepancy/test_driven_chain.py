@@ -10,16 +10,16 @@ from impactscope.discrepancy.answer import FitFigures, FitTable
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.case import BANDS, Bands, band_levels
-from impactscope.discrepancy.driven.chain_laws import _by_sign
-from impactscope.discrepancy.driven.channel_effects import channel_terms
-from impactscope.discrepancy.driven.describe import leaves_most
-from impactscope.discrepancy.driven.measuring import (
+from impactscope.discrepancy.driven.adequacy.channel_laws import _by_sign
+from impactscope.discrepancy.driven.findings.describe import leaves_most
+from impactscope.discrepancy.driven.models.channel_effects import channel_terms
+from impactscope.discrepancy.driven.models.measuring_chain import (
     between_samples,
     delayed,
     passed_on,
     power_passed,
 )
+from impactscope.discrepancy.driven.noise.noise_bands import BANDS, Bands, band_levels
 from impactscope.discrepancy.explain import explain
 
 RATE, SAMPLES = 4000.0, 2400

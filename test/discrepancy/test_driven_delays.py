@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import pytest
 
 from impactscope.discrepancy.answer import ParameterEstimate
-from impactscope.discrepancy.driven.channel_effects import channel_terms
-from impactscope.discrepancy.driven.exact_fits import _looked_at
-from impactscope.discrepancy.driven.findings import _among_forms, _no_surer, _other_delay
-from impactscope.discrepancy.driven.looks import Prospect, _near
+from impactscope.discrepancy.driven.findings.ranking import _among_forms, _no_surer, _other_delay
+from impactscope.discrepancy.driven.models.channel_effects import channel_terms
+from impactscope.discrepancy.driven.search.joint_fits import _looked_at
+from impactscope.discrepancy.driven.search.screening import Prospect, _near
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,8 +7,8 @@ from scipy import signal
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.channel_effects import channel_terms
-from impactscope.discrepancy.driven.measuring import (
+from impactscope.discrepancy.driven.models.channel_effects import channel_terms
+from impactscope.discrepancy.driven.models.measuring_chain import (
     passed_on,
     power_passed,
     power_retimed,

@@ -8,10 +8,10 @@ import pytest
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.fitting import Fit
-from impactscope.discrepancy.driven.hollow import hollow
-from impactscope.discrepancy.driven.search import _there
-from impactscope.discrepancy.driven.terms import Number, Term
+from impactscope.discrepancy.driven.findings.explains_nothing import leaves_most_as_noise
+from impactscope.discrepancy.driven.fits.simulation_error import Fit
+from impactscope.discrepancy.driven.models.terms import Number, Term
+from impactscope.discrepancy.driven.search.beam_search import _there
 
 RATE = 100.0
 WEIGHT, ANGLE, FRICTION = 11.0, 1.2, 1.4  # N m, rad at which it hangs, N m
@@ -114,7 +114,10 @@ def test_noise_is_not_most_of_a_channel(share, empty):
         for t in answer.traces
     )
     accepted = ('hardening_spring',)
-    assert hollow(dataclasses.replace(answer, accepted=accepted, traces=traces)) is empty
+    assert (
+        leaves_most_as_noise(dataclasses.replace(answer, accepted=accepted, traces=traces))
+        is empty
+    )
 
 
 def test_a_coupling_whose_corner_may_as_well_be_none_is_not_named():

@@ -13,17 +13,20 @@ from scipy.integrate import solve_ivp
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.baseline import with_rest_at_zero
+from impactscope.discrepancy.driven.data.recordings import Cut
 from impactscope.discrepancy.driven.explain import _left_more
-from impactscope.discrepancy.driven.findings import _at_an_end, _one_way
-from impactscope.discrepancy.driven.hollow import explains_nothing
-from impactscope.discrepancy.driven.mass_and_damper import answers_in_time
-from impactscope.discrepancy.driven.more_than_noise import _comes_and_goes, _no_machine
-from impactscope.discrepancy.driven.oscillation import reversed_channels
-from impactscope.discrepancy.driven.prescribed import force_counts_against, linear_prescribed
-from impactscope.discrepancy.driven.recordings import Cut
-from impactscope.discrepancy.driven.search import _in_plainer_form
-from impactscope.discrepancy.driven.terms import Number
+from impactscope.discrepancy.driven.findings.explains_nothing import explains_nothing
+from impactscope.discrepancy.driven.findings.ranking import _at_an_end, _one_way
+from impactscope.discrepancy.driven.findings.residual_size import _comes_and_goes, _no_machine
+from impactscope.discrepancy.driven.models.terms import Number
+from impactscope.discrepancy.driven.search.beam_search import _in_plainer_form
+from impactscope.discrepancy.driven.systems.linear_baseline import with_rest_at_zero
+from impactscope.discrepancy.driven.systems.linear_oscillator import reversed_channels
+from impactscope.discrepancy.driven.systems.mass_and_damper import answers_in_time
+from impactscope.discrepancy.driven.systems.prescribed_motion import (
+    force_counts_against,
+    linear_prescribed,
+)
 from impactscope.recordings.units import to_si
 
 RATE = 200.0

@@ -9,8 +9,8 @@ from scipy import linalg, signal
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.colour import Colour, forgetting
-from impactscope.discrepancy.driven.slow_noise import colour_of_recordings, like_noise
+from impactscope.discrepancy.driven.noise.coloured_noise import Colour, forgetting
+from impactscope.discrepancy.driven.systems.slow_noise import colour_of_recordings, like_noise
 
 RATE, SAMPLES = 2000.0, 3000
 

@@ -6,9 +6,9 @@ from scipy.integrate import solve_ivp
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
-from impactscope.discrepancy.driven.baseline import linear_start
-from impactscope.discrepancy.driven.figures import _floor
-from impactscope.discrepancy.driven.guess import equation_start
+from impactscope.discrepancy.driven.findings.figures import _floor
+from impactscope.discrepancy.driven.fits.equation_error import equation_start
+from impactscope.discrepancy.driven.systems.linear_baseline import linear_start
 
 RATE, STEP = 2000.0, 2e-6
 MASS, DAMPING, FRICTION = 7.0, 40.0, 8.0

@@ -10,15 +10,15 @@ from scipy import signal
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.baseline import with_the_mass_alone
-from impactscope.discrepancy.driven.findings import _overlapping
-from impactscope.discrepancy.driven.oscillation import (
+from impactscope.discrepancy.driven.data.recordings import Cut, first_state
+from impactscope.discrepancy.driven.findings.ranking import _overlapping
+from impactscope.discrepancy.driven.systems.linear_baseline import with_the_mass_alone
+from impactscope.discrepancy.driven.systems.linear_oscillator import (
     _agreement,
     _mass_alone,
     linear_oscillator,
     reversed_channels,
 )
-from impactscope.discrepancy.driven.recordings import Cut, first_state
 
 RATE = 200.0
 M, C, K = 2.0, 10.0, 4000.0  # 7 Hz

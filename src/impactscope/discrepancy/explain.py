@@ -13,7 +13,7 @@ from scipy import stats
 from impactscope.discrepancy.answer import Answer, Finding
 from impactscope.discrepancy.campaign import BaselineItem, Campaign, CampaignKind
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.baseline import LINEAR
+from impactscope.discrepancy.driven.systems.linear_baseline import LINEAR
 from impactscope.discrepancy.impact import explain_impact
 from impactscope.discrepancy.impact.baseline import STRUCTURE
 from impactscope.discrepancy.patience import patient

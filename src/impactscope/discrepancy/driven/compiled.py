@@ -1,4 +1,4 @@
-"""How this package's laws are compiled; all that call each other stand in one file."""
+"""How the laws of these packages are compiled; all that call each other stand in one file."""
 
 from __future__ import annotations
 

@@ -9,7 +9,33 @@ import numpy as np
 
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import Campaign, CampaignKind
-from impactscope.discrepancy.driven.baseline import (
+from impactscope.discrepancy.driven.adequacy.cogging import cogging_of_motion
+from impactscope.discrepancy.driven.adequacy.unmodelled_laws import Verdict
+from impactscope.discrepancy.driven.data.recordings import Cut
+from impactscope.discrepancy.driven.findings.describe import describe
+from impactscope.discrepancy.driven.findings.explains_nothing import (
+    explains_nothing,
+    leaves_most_as_noise,
+    of_what_is_explained,
+)
+from impactscope.discrepancy.driven.findings.subject import Subject
+from impactscope.discrepancy.driven.findings.unit_errors import told, with_right_units
+from impactscope.discrepancy.driven.fits.equation_error import equation_start, position_cogging
+from impactscope.discrepancy.driven.fits.simulation_error import Fit
+from impactscope.discrepancy.driven.model_selection.model_comparison import Judge, noise_share
+from impactscope.discrepancy.driven.models.model import Model, Segment
+from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
+from impactscope.discrepancy.driven.noise_limited import (
+    Progress,
+    chain_answer,
+    mass_answer,
+    motion_answer,
+    plate_answer,
+)
+from impactscope.discrepancy.driven.search.beam_search import Effort, Outcome, search
+from impactscope.discrepancy.driven.systems.chain import ChainModel
+from impactscope.discrepancy.driven.systems.free_decay_start import forced_beginning
+from impactscope.discrepancy.driven.systems.linear_baseline import (
     Start,
     linear_start,
     stated_modes,
@@ -18,32 +44,10 @@ from impactscope.discrepancy.driven.baseline import (
     with_right_signs,
     with_the_mass_alone,
 )
-from impactscope.discrepancy.driven.beginnings import forced_beginning
-from impactscope.discrepancy.driven.chain import ChainModel
-from impactscope.discrepancy.driven.decide import Judge, noise_share
-from impactscope.discrepancy.driven.describe import describe
-from impactscope.discrepancy.driven.fitting import Fit
-from impactscope.discrepancy.driven.guess import equation_start, position_ripple
-from impactscope.discrepancy.driven.hollow import (
-    explains_nothing,
-    hollow,
-    of_what_is_explained,
-)
-from impactscope.discrepancy.driven.modal import Modes, further_modes
-from impactscope.discrepancy.driven.model import Model, OscillatorModel, Segment
-from impactscope.discrepancy.driven.prescribed import PrescribedModel, one_speed_told
-from impactscope.discrepancy.driven.recordings import Cut
-from impactscope.discrepancy.driven.right_units import told, with_right_units
-from impactscope.discrepancy.driven.ripple import ripple_of_motion
-from impactscope.discrepancy.driven.search import Effort, Outcome, search
-from impactscope.discrepancy.driven.strangers import Verdict
-from impactscope.discrepancy.driven.subject import Subject
-from impactscope.discrepancy.driven.to_the_noise import (
-    Progress,
-    chain_answer,
-    mass_answer,
-    motion_answer,
-    plate_answer,
+from impactscope.discrepancy.driven.systems.modal import Modes, further_modes
+from impactscope.discrepancy.driven.systems.prescribed_motion import (
+    PrescribedModel,
+    one_speed_told,
 )
 from impactscope.discrepancy.patience import lasts
 
@@ -105,7 +109,7 @@ def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress
         answer, sure = motion_answer(campaign, parts, notes, tell)
     elif isinstance(model, ChainModel):
         answer, sure = chain_answer(campaign, model, segments, linear, notes, tell)
-    if hollow(answer):
+    if leaves_most_as_noise(answer):
         answer, sure = None, False
     elif explains_nothing(answer):
         sure = False
@@ -164,14 +168,14 @@ def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress
         if (
             exact is not None
             and sure
-            and not hollow(exact)
+            and not leaves_most_as_noise(exact)
             and not _left_more(exact, seed, segments)
         ):
             return exact
     tell(0.95, 'describing')
     period = None
     if isinstance(model, OscillatorModel) and model.drifts:
-        shown = ripple_of_motion(baseline, segments)
+        shown = cogging_of_motion(baseline, segments)
         if shown is not None and shown[1] * _power(baseline, segments) < _power(
             outcome.best, segments
         ):
@@ -180,7 +184,7 @@ def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress
             return describe(
                 Subject(campaign, model, segments, judge, only, None, tuple(notes), None, said)
             )
-        period = position_ripple(segments)
+        period = position_cogging(segments)
     if period is not None:
         outcome = Outcome(outcome.baseline, outcome.baseline, (), believed=False)
     subject = Subject(campaign, model, segments, judge, outcome, modes, tuple(notes))

@@ -1,0 +1,101 @@
+"""Laws that no known effect describes, as small forces of a device on a prescribed course."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from impactscope.discrepancy.driven.adequacy.plate_laws import STATE
+from impactscope.discrepancy.driven.adequacy.unmodelled_laws import LOOKS, Group
+from impactscope.discrepancy.driven.fits.innovations import each_alone, innovations, joined
+from impactscope.discrepancy.driven.fits.simulation_error import Fit
+from impactscope.discrepancy.driven.models.model import Model, Segment
+
+__all__ = ['prescribed_laws']
+
+Array = NDArray[np.float64]
+
+MEMORIES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of the motion's own rate
+FASTEST = 60.0  # Hz, up to which a stiffness is taken to swing
+SWINGS = 4  # ways to swing at each frequency: of what, and in each recording alone or not
+BEST = 3  # frequencies that are looked at closely
+
+
+def prescribed_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator[Group]:  # noqa: ARG001
+    """Laws beyond the vocabulary, each with the whitened changes that span it, beside a fit."""
+    fitted = [i for i, s in enumerate(segments) if not s.held_out]
+    chosen = [segments[i] for i in fitted]
+    outputs = [segments[i].measured - made.residuals[i] for i in fitted]
+    position = max(float(np.max(np.abs(s.drive[0]))) for s in chosen) or 1.0
+    speed = max(float(np.max(np.abs(s.drive[1]))) for s in chosen) or 1.0
+    largest = max(float(np.max(np.abs(y))) for y in outputs) or 1.0
+    xs = [s.drive[0] / position for s in chosen]
+    vs = [s.drive[1] / speed for s in chosen]
+    ys = [y / largest for y in outputs]
+    times: list[Array] = [s.period * np.arange(s.measured.size, dtype=np.float64) for s in chosen]
+
+    column, alone = partial(joined, chosen), partial(each_alone, chosen)
+
+    for name, law in STATE:
+        yield Group(name, [column([law(x, v) for x, v in zip(xs, vs, strict=True)])])
+    for name, parts in (
+        ('damping one way', [np.maximum(v, 0.0) for v in vs]),
+        ('a reading that is not straight', [y * y for y in ys]),
+        ('a reading that is not straight', [y**3 for y in ys]),
+        ('a stiffness that changes in time', [x * t for x, t in zip(xs, times, strict=True)]),
+        ('a damping that changes in time', [v * t for v, t in zip(vs, times, strict=True)]),
+    ):
+        yield Group(name, [column(parts)])
+    if len(chosen) > 1:
+        yield Group('a stiffness that differs between recordings', alone(xs))
+        yield Group('a damping that differs between recordings', alone(vs))
+        yield Group('a friction that differs between recordings', alone([np.sign(v) for v in vs]))
+        ones = [np.ones(x.size) for x in xs]
+        yield Group('an offset that differs between recordings', alone(ones))
+    rate = speed / position
+    for ratio in MEMORIES:
+        late = []
+        for s, v in zip(chosen, vs, strict=True):
+            keep = math.exp(-s.period * rate * ratio)
+            late.append(signal.lfilter([1.0 - keep], [1.0, -keep], v))
+        yield Group('a force that relaxes', [column(late)])
+    residuals = [innovations(segments[i], made.residuals[i]) for i in fitted]
+    longest = chosen[0].period * max(r.size for r in residuals)
+    highest = min(FASTEST, 0.5 / chosen[0].period)
+    looks = max(LOOKS, round(SWINGS * highest * longest))
+    for what, shapes in (('stiffness', xs), ('damping', vs)):
+        for frequency in _swings(residuals, shapes, chosen[0].period):
+            waves = [
+                [
+                    p * wave(2.0 * math.pi * frequency * t)
+                    for p, t in zip(shapes, times, strict=True)
+                ]
+                for wave in (np.sin, np.cos)
+            ]
+            name = f'a {what} that swings at {frequency:.3g} Hz'
+            yield Group(name, [column(w) for w in waves], looks)
+            if len(chosen) > 1:
+                yield Group(name, [c for w in waves for c in alone(w)], looks)
+
+
+def _swings(residuals: Sequence[Array], shapes: Sequence[Array], period: float) -> list[float]:
+    """Frequencies at which a residual goes most like a shape that swings, Hz."""
+    length = 2 * max(r.size for r in residuals)
+    power = np.zeros(length // 2 + 1)
+    for r, p in zip(residuals, shapes, strict=True):
+        size = float(p @ p)
+        if size > 0.0:
+            power += np.abs(np.fft.rfft(r * p, length)) ** 2 / (0.5 * size)
+    frequency = np.fft.rfftfreq(length, period)
+    power[(frequency > FASTEST) | (frequency < 1.0 / (length * period))] = 0.0
+    found = []
+    for _ in range(BEST):
+        best = int(np.argmax(power))
+        found.append(float(frequency[best]))
+        power[max(best - 3, 0) : best + 4] = 0.0
+    return found

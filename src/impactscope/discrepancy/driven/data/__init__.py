@@ -1,0 +1,1 @@
+"""Recordings as the models take them: segments, trajectories, the measured force."""

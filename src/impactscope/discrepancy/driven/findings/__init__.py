@@ -1,0 +1,1 @@
+"""What is told: findings, their numbers, regions, figures and doubts."""

@@ -1,0 +1,59 @@
+"""Numbers of a free swing, which are per mass, as forces where a mass or a spring is stated."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from impactscope.discrepancy.answer import ParameterEstimate
+from impactscope.discrepancy.campaign import Quantity
+from impactscope.discrepancy.driven.findings.subject import Subject
+from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
+from impactscope.discrepancy.driven.models.terms import Term
+
+__all__ = ['as_force', 'mass_of_free_swing', 'swings_freely']
+
+PER_MASS = 'm/s^2'  # the unit of a force there
+
+
+def swings_freely(s: Subject) -> bool:
+    """Whether no force is measured, so that only ratios to the mass show."""
+    return isinstance(s.model, OscillatorModel) and s.model.free
+
+
+def mass_of_free_swing(s: Subject) -> Quantity | None:
+    """Mass in kg, as stated or from the stated stiffness; None where numbers stay per mass."""
+    if not swings_freely(s) or s.segments[0].unit not in ('m', 'm/s', 'm/s^2'):
+        return None
+    mass, spring = s.campaign.sensor.get('moving_mass'), s.campaign.sensor.get('stiffness')
+    if mass is not None and mass.known:
+        return mass
+    found = s.outcome.best.values.get('stiffness', 0.0)
+    if spring is None or not spring.known or not found > 0.0:
+        return None
+    certain = s.outcome.best.std.get('stiffness', 0.0) / found
+    value = spring.value / found
+    return Quantity(value, value * math.hypot(spring.std / spring.value, certain))
+
+
+def as_force(
+    item: ParameterEstimate, mass: Quantity | None, term: Term | None
+) -> ParameterEstimate:
+    """An estimate per mass as a force; as it is where no mass is known or no force meant.
+
+    Args:
+        item: the estimate.
+        mass: of the swing.
+        term: whose number it is; None: of the linear model. Numbers of a channel stay.
+    """
+    if mass is None or not item.unit.startswith(PER_MASS) or isinstance(item.value, str):
+        return item
+    if term is not None and (term.output or term.subsystem == 'measurement'):
+        return item
+    unit = 'N' + item.unit.removeprefix(PER_MASS)
+    return dataclasses.replace(
+        item,
+        value=mass.value * item.value,
+        std=math.hypot(mass.value * item.std, item.value * mass.std),
+        unit={'N s^2/m': 'kg'}.get(unit, unit),
+    )

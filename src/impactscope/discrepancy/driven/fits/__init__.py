@@ -1,0 +1,1 @@
+"""Fits of simulated to recorded channels, where they start, and their linearisation."""

@@ -1,0 +1,1 @@
+"""When one fit explains recordings better than another."""

@@ -1,0 +1,166 @@
+"""Comparison by chi-square, where a right model leaves the noise of the sensor alone.
+
+Every sample counts there, and the fall of chi-square is that of Wilks' theorem.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.driven.fits.innovations import innovations
+from impactscope.discrepancy.driven.fits.simulation_error import Fit
+from impactscope.discrepancy.driven.model_selection.model_comparison import Gain, Judge
+from impactscope.discrepancy.driven.model_selection.overdispersion import worth_of
+from impactscope.discrepancy.driven.models.model import Segment
+from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
+
+__all__ = [
+    'OWN',
+    'PRICE',
+    'NoiseJudge',
+    'priced',
+    'reduced',
+    'slight',
+]
+
+Array = NDArray[np.float64]
+
+PRICE = 7.0  # chi-square that a further number must bring to be preferred
+EACH = 4.0  # the same for a further effect: two at once are rarer than one
+OWN = 2.0  # the same for a number that one recording has of its own
+# of the amplitude of what was found: a further effect as slight as that is the error of its law
+SLIGHT = 3e-3
+ROUGHLY = 0.03  # the same where single contacts decide
+# the same of filters and clocks: how they act between samples, and of what shape they are
+BETWEEN = 0.01
+DELAYING = ('low_pass_filter', 'clock_error')
+LOOKS = 60  # independent candidates, about
+
+
+def slight(made: Fit) -> float:
+    """Share of what a fit has gained that the error of its own laws may be."""
+    if any(t.rough for t in made.terms):
+        return ROUGHLY**2
+    return (BETWEEN if any(t.name in DELAYING for t in made.terms) else SLIGHT) ** 2
+
+
+def priced(fit: Fit, reference: Fit) -> float:
+    """Chi-square that what a fit has beyond a reference must bring."""
+    own = fit.own - reference.own
+    shared = fit.added - reference.added - own
+    return PRICE * shared + OWN * own + EACH * (len(fit.terms) - len(reference.terms))
+
+
+class NoiseJudge(Judge):
+    """Chi-square decides: residuals are the sensor's noise."""
+
+    def __init__(
+        self,
+        segments: Sequence[Segment],
+        muffled: Callable[[Fit], Sequence[float]] | None = None,
+        thresholds: Thresholds | None = None,
+    ) -> None:
+        """``muffled``: by segment, chi-square that a fit's filters take from the input's noise."""
+        super().__init__(segments, LOOKS, thresholds)
+        self.muffled = muffled
+        self.reference: Fit | None = None  # against which findings together are measured
+        self._largest = 0.0  # gain of any fit that was seen
+        self._known: dict[int, tuple[float, ...]] = {}
+
+    def chi_squares(self, made: Fit) -> tuple[float, ...]:
+        """Chi-square of each segment.
+
+        A low-pass smooths the input's noise in the prediction, which is no merit of its own: what
+        that brings is added again.
+        """
+        if id(made) not in self._known:
+            parts = [innovations(s, r) for s, r in zip(self.segments, made.residuals, strict=True)]
+            lost = (0.0,) * len(parts) if self.muffled is None else self.muffled(made)
+            self._known[id(made)] = tuple(
+                float(p @ p) + float(more) for p, more in zip(parts, lost, strict=True)
+            )
+            self._keep.append(made)
+        return self._known[id(made)]
+
+    def weights(self, fit: Fit) -> tuple[float, ...]:  # noqa: ARG002
+        """Samples that count in each segment: all."""
+        return tuple(float(s.measured.size) for s in self.segments)
+
+    def gain(self, small: Fit, large: Fit, weights: Sequence[float] | None = None) -> Gain:  # noqa: ARG002
+        """Fall of chi-square from one fit to another."""
+        fitted = held_out = count = 0.0
+        pairs = zip(self.segments, self.chi_squares(small), self.chi_squares(large), strict=True)
+        for segment, before, after in pairs:
+            if segment.held_out:
+                held_out += before - after
+            else:
+                fitted += before - after
+                count += segment.measured.size
+        worse = held_out < -self.thresholds.held_out_loss - 0.1 * max(fitted, 0.0)
+        return Gain(fitted, held_out, worse, large.added - small.added, count)
+
+    def worth(self, small: Fit, large: Fit) -> Gain:
+        """The same gain over the dispersion that the larger model leaves."""
+        gain = self.gain(small, large)
+        pairs = zip(self.segments, small.residuals, large.residuals, strict=True)
+        parts = [(s, innovations(s, old), innovations(s, new)) for s, old, new in pairs]
+        plain = [float(old @ old - new @ new) for _, old, new in parts]
+        before, after = [old for _, old, _ in parts], [new for _, _, new in parts]
+        true = worth_of(before, after, [s.channel for s in self.segments])
+        lost = [(s.held_out, p - t) for (s, _, _), p, t in zip(parts, plain, true, strict=True)]
+        return dataclasses.replace(
+            gain,
+            fitted=gain.fitted - math.fsum(x for held, x in lost if not held),
+            held_out=gain.held_out - math.fsum(x for held, x in lost if held),
+        )
+
+    def needed(self, gain: Gain) -> float:
+        """Gain from which the larger model is believed."""
+        return least_gain(max(gain.numbers, 1), self.looks, self.thresholds.false_finding)
+
+    def better(self, small: Fit, large: Fit) -> bool:
+        """Whether the larger model is to be believed."""
+        gain = self.gain(small, large)
+        if gain.held_out_worse or gain.fitted < -1e-9:
+            return False
+        gain = self.worth(small, large)
+        looks = round(self.looks * _looks(small, large))
+        least = least_gain(max(gain.numbers, 1), looks, self.thresholds.false_finding)
+        return gain.total > least + self.beside(small)
+
+    def beside(self, small: Fit) -> float:
+        """Gain that says nothing beside what ``small`` has gained already."""
+        if self.reference is None or small is self.reference:
+            return 0.0
+        return slight(small) * max(self.gain(self.reference, small).fitted, 0.0)
+
+    def criterion(self, fit: Fit, reference: Fit) -> float:
+        """Minus the gain over a reference, and a price for every number: smaller is better."""
+        shared = fit.added - reference.added - (fit.own - reference.own)
+        gain = self.gain(reference, fit)
+        self._largest = max(self._largest, gain.fitted)
+        return priced(fit, reference) + slight(fit) * self._largest * shared - gain.total
+
+    def p_value(self, small: Fit, large: Fit) -> float:
+        """Chance of such a gain where nothing is missing."""
+        gain = self.worth(small, large)
+        looks = round(self.looks * _looks(small, large))
+        return family_p_value(max(gain.total, 0.0), max(gain.numbers, 1), looks)
+
+
+def _looks(small: Fit, large: Fit) -> float:
+    """Places in which what one fit has beyond another was looked for."""
+    had = {t.label for t in small.terms}
+    return math.prod(t.looks for t in large.terms if t.label not in had)
+
+
+def reduced(judge: NoiseJudge, made: Fit) -> float:
+    """Chi-square of a fit over the number of samples, on the fitted recordings."""
+    pairs = zip(judge.segments, judge.chi_squares(made), strict=True)
+    rows = [(c, s.measured.size) for s, c in pairs if not s.held_out]
+    return math.fsum(c for c, _ in rows) / max(sum(n for _, n in rows), 1)

@@ -1,0 +1,536 @@
+"""Equation of motion of one degree of freedom with every law at once; exact sticking; compiled.
+
+Runge and Kutta's method of order 4 on sub-steps of the sampling period. Dry friction is
+set-valued: the moment at which sliding ends is located inside the sub-step, the mass then rests
+until the force on it exceeds what friction can hold, and that moment is located as well. Nothing
+creeps. Source of the friction laws: Olsson et al., Eur. J. Control 4 (1998).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.driven.compiled import compiled, law
+from impactscope.discrepancy.driven.models.parameter_layout import (
+    BASE_DAMPING,
+    BASE_MASS,
+    BASE_REACTS,
+    BASE_STIFFNESS,
+    CUBIC,
+    DAMPING,
+    GAP,
+    HYSTERESIS_CLOSING,
+    HYSTERESIS_EXPONENT,
+    HYSTERESIS_LEANING,
+    HYSTERESIS_STIFFNESS,
+    INPUT_OFFSET,
+    KINETIC_BACKWARD,
+    KINETIC_FORWARD,
+    MASS,
+    QUADRATIC_DAMPING,
+    SINE,
+    SINE_ZERO,
+    SKEW_DAMPING,
+    SQUARE,
+    STATIC_EXCESS,
+    STIFFNESS,
+    STOP_ONE_WAY,
+    STOP_STIFFNESS,
+    STOP_TRAVEL,
+    STRIBECK_SPEED,
+    WEIGHT_COSINE,
+    WEIGHT_SINE,
+)
+
+__all__ = [
+    'lost_motion',
+    'restoring',
+    'run',
+    'run_on_base',
+    'slider_force',
+    'smooth_force',
+    'yielding_rate',
+]
+
+Array = NDArray[np.float64]
+
+MOST_TURNS = 6  # turns and stops located in one sub-step
+FAR = 1e9  # a state beyond this has run away
+FREE = 2  # in the place of a direction of sliding: no dry friction at all
+
+
+@law
+def lost_motion(x: float, gap: float) -> float:
+    """What is left of ``x`` once a whole play of ``gap`` is taken up."""
+    half = 0.5 * gap
+    if x > half:
+        return x - half
+    if x < -half:
+        return x + half
+    return 0.0
+
+
+@law
+def restoring(p: Array, x: float) -> float:
+    """Force that depends on the position alone, against it."""
+    w = math.sin(x - p[SINE_ZERO]) if p[SINE] > 0.5 else x
+    if p[GAP] > 0.0:
+        w = lost_motion(w, p[GAP])
+    force = w * (p[STIFFNESS] + w * (p[SQUARE] + w * p[CUBIC]))
+    if p[STOP_STIFFNESS] > 0.0 and (x > 0.0 or p[STOP_ONE_WAY] < 0.5):
+        force += p[STOP_STIFFNESS] * lost_motion(x, 2.0 * p[STOP_TRAVEL])
+    if p[WEIGHT_SINE] != 0.0 or p[WEIGHT_COSINE] != 0.0:
+        force += p[WEIGHT_SINE] * math.sin(x) + p[WEIGHT_COSINE] * math.cos(x)
+    return float(force)
+
+
+@law
+def yielding_rate(p: Array, v: float, h: float) -> float:
+    """Rate of the hysteretic element's elongation (Bouc and Wen)."""
+    size = abs(h)
+    power = size ** (p[HYSTERESIS_EXPONENT] - 1.0) if size > 0.0 else 0.0
+    closing, leaning = p[HYSTERESIS_CLOSING], p[HYSTERESIS_LEANING]
+    return float(v - power * (closing * abs(v) * h + leaning * v * size))
+
+
+@law
+def _load(p: Array, u: float, x: float, v: float, h: float) -> float:
+    """Force on the mass without dry friction."""
+    force = u + p[INPUT_OFFSET] - p[DAMPING] * v - restoring(p, x)
+    force -= abs(v) * (p[SKEW_DAMPING] + p[QUADRATIC_DAMPING] * v)
+    return float(force - p[HYSTERESIS_STIFFNESS] * h)
+
+
+@law
+def _friction(p: Array, v: float, way: int) -> float:
+    """Force of dry friction on a mass that slides ``way`` (+1, -1)."""
+    level = p[KINETIC_FORWARD] if way > 0 else p[KINETIC_BACKWARD]
+    if p[STATIC_EXCESS] > 0.0:
+        level += p[STATIC_EXCESS] * math.exp(-((v / p[STRIBECK_SPEED]) ** 2))
+    return float(-way * level)
+
+
+@law
+def _rate(p: Array, u: float, x: float, v: float, h: float, way: int) -> float:
+    force = _load(p, u, x, v, h)
+    if way != 0:
+        force += _friction(p, v, way)
+    return float(force / p[MASS])
+
+
+@compiled
+def _step(
+    p: Array, u0: float, um: float, u1: float, x: float, v: float, h: float, way: int, dt: float
+) -> tuple[float, float, float]:
+    """One step of order 4 while the direction of sliding stays."""
+    yields = p[HYSTERESIS_STIFFNESS] != 0.0
+    a1 = _rate(p, u0, x, v, h, way)
+    g1 = yielding_rate(p, v, h) if yields else 0.0
+    v2 = v + 0.5 * dt * a1
+    h2 = h + 0.5 * dt * g1
+    a2 = _rate(p, um, x + 0.5 * dt * v, v2, h2, way)
+    g2 = yielding_rate(p, v2, h2) if yields else 0.0
+    v3 = v + 0.5 * dt * a2
+    h3 = h + 0.5 * dt * g2
+    a3 = _rate(p, um, x + 0.5 * dt * v2, v3, h3, way)
+    g3 = yielding_rate(p, v3, h3) if yields else 0.0
+    v4 = v + dt * a3
+    h4 = h + dt * g3
+    a4 = _rate(p, u1, x + dt * v3, v4, h4, way)
+    g4 = yielding_rate(p, v4, h4) if yields else 0.0
+    return (
+        x + dt * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0,
+        v + dt * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
+        h + dt * (g1 + 2.0 * g2 + 2.0 * g3 + g4) / 6.0,
+    )
+
+
+@law
+def _base_rate(p: Array, pull: float, xb: float, vb: float) -> float:
+    """Acceleration of a base that the mass's suspension, or its drive, pulls with ``pull``."""
+    return float((pull - p[BASE_DAMPING] * vb - p[BASE_STIFFNESS] * xb) / p[BASE_MASS])
+
+
+@compiled
+def _soft_rates(
+    p: Array, u: float, x: float, v: float, h: float, xb: float, vb: float, way: int
+) -> tuple[float, float, float]:
+    """Rates of the relative speed, the base's speed and the yielding element.
+
+    ``way``: in which the mass slides on its base (+1, -1), 0 where friction holds it there, FREE
+    without dry friction.
+    """
+    force = _load(p, u, x, v, h)
+    if way == 1 or way == -1:
+        force += _friction(p, v, way)
+    pull = -force if p[BASE_REACTS] > 0.5 else u + p[INPUT_OFFSET] - force
+    base = _base_rate(p, pull, xb, vb)
+    apart = force / p[MASS] - base
+    if way == 0:  # what friction must hold so that both move as one
+        return 0.0, base + apart / (1.0 + p[BASE_MASS] / p[MASS]), 0.0
+    yields = yielding_rate(p, v, h) if p[HYSTERESIS_STIFFNESS] != 0.0 else 0.0
+    return apart, base, yields
+
+
+@law
+def _soft_load(p: Array, u: float, state: tuple[float, float, float, float, float]) -> float:
+    """Force that dry friction must hold so that a mass rests on its base."""
+    x, _, h, xb, vb = state
+    apart, _, _ = _soft_rates(p, u, x, 0.0, h, xb, vb, FREE)
+    return float(apart / (1.0 / p[MASS] + 1.0 / p[BASE_MASS]))
+
+
+@compiled
+def _soft_step(
+    p: Array,
+    u: tuple[float, float, float],
+    state: tuple[float, float, float, float, float],
+    way: int,
+    dt: float,
+) -> tuple[float, float, float, float, float]:
+    """One step of order 4 on a base that gives way, while the direction of sliding stays."""
+    x, v, h, xb, vb = state
+    a1, b1, g1 = _soft_rates(p, u[0], x, v, h, xb, vb, way)
+    s = 0.5 * dt
+    v2, w2 = v + s * a1, vb + s * b1
+    a2, b2, g2 = _soft_rates(p, u[1], x + s * v, v2, h + s * g1, xb + s * vb, w2, way)
+    v3, w3 = v + s * a2, vb + s * b2
+    a3, b3, g3 = _soft_rates(p, u[1], x + s * v2, v3, h + s * g2, xb + s * w2, w3, way)
+    v4, w4 = v + dt * a3, vb + dt * b3
+    a4, b4, g4 = _soft_rates(p, u[2], x + dt * v3, v4, h + dt * g3, xb + dt * w3, w4, way)
+    return (
+        x + dt * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0,
+        v + dt * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
+        h + dt * (g1 + 2.0 * g2 + 2.0 * g3 + g4) / 6.0,
+        xb + dt * (vb + 2.0 * w2 + 2.0 * w3 + w4) / 6.0,
+        vb + dt * (b1 + 2.0 * b2 + 2.0 * b3 + b4) / 6.0,
+    )
+
+
+@law
+def _between(u0: float, um: float, u1: float, s: float) -> float:
+    """Input at share ``s`` of a sub-step: the parabola through its three values."""
+    return u0 + s * (4.0 * um - 3.0 * u0 - u1 + s * (2.0 * u0 - 4.0 * um + 2.0 * u1))
+
+
+@law
+def _held(p: Array, load: float) -> int:
+    """0 where friction holds a resting mass, else the way in which it sets off."""
+    if load > p[KINETIC_FORWARD] + p[STATIC_EXCESS]:
+        return 1
+    if load < -(p[KINETIC_BACKWARD] + p[STATIC_EXCESS]):
+        return -1
+    return 0
+
+
+@compiled
+def _rough_step(
+    p: Array, u0: float, um: float, u1: float, x: float, v: float, h: float, way: int, dt: float
+) -> tuple[float, float, float, int]:
+    """One sub-step with dry friction: as many turns, stops and starts as fall into it."""
+    done = 0.0
+    for _ in range(MOST_TURNS):
+        left = 1.0 - done
+        if left <= 1e-12:
+            break
+        a = _between(u0, um, u1, done)
+        if way == 0:
+            # At rest: does the load exceed what friction holds before the sub-step ends?
+            start = _load(p, a, x, 0.0, h)
+            end = _load(p, u1, x, 0.0, h)
+            way = _held(p, start)
+            if way == 0:
+                way = _held(p, end)
+                if way == 0:
+                    return x, 0.0, h, 0
+                limit = p[STATIC_EXCESS]
+                limit += p[KINETIC_FORWARD] if way > 0 else p[KINETIC_BACKWARD]
+                done += left * (way * limit - start) / (end - start)
+                continue
+        m = _between(u0, um, u1, done + 0.5 * left)
+        x1, v1, h1 = _step(p, a, m, u1, x, v, h, way, left * dt)
+        if v1 * way >= 0.0:
+            return x1, v1, h1, way
+        # It turns: find where the speed vanishes, from a chord and one correction.
+        share = v / (v - v1) if v * way > 0.0 else 0.0
+        for _ in range(2):
+            if share <= 0.0:
+                break
+            m = _between(u0, um, u1, done + 0.5 * share * left)
+            b = _between(u0, um, u1, done + share * left)
+            x1, v1, h1 = _step(p, a, m, b, x, v, h, way, share * left * dt)
+            slope = _rate(p, b, x1, v1, h1, way) * left * dt
+            if slope * way < 0.0:
+                share = min(max(share - v1 / slope, 0.0), 1.0)
+        if share > 0.0:
+            m = _between(u0, um, u1, done + 0.5 * share * left)
+            b = _between(u0, um, u1, done + share * left)
+            x, v, h = _step(p, a, m, b, x, v, h, way, share * left * dt)
+            done += share * left
+        v = 0.0
+        way = _held(p, _load(p, _between(u0, um, u1, done), x, 0.0, h))
+    return x, v, h, way
+
+
+@compiled
+def _rough_soft_step(
+    p: Array,
+    u: tuple[float, float, float],
+    state: tuple[float, float, float, float, float],
+    way: int,
+    dt: float,
+) -> tuple[tuple[float, float, float, float, float], int]:
+    """One sub-step of :func:`_rough_step` on a base that gives way, and the way after it."""
+    u0, um, u1 = u
+    done = 0.0
+    for _ in range(MOST_TURNS):
+        left = 1.0 - done
+        if left <= 1e-12:
+            break
+        a = _between(u0, um, u1, done)
+        m = _between(u0, um, u1, done + 0.5 * left)
+        if way == 0:
+            start = _soft_load(p, a, state)
+            way = _held(p, start)
+            if way == 0:
+                rested = _soft_step(p, (a, m, u1), state, 0, left * dt)
+                end = _soft_load(p, u1, rested)
+                way = _held(p, end)
+                if way == 0:
+                    return rested, 0
+                limit = p[STATIC_EXCESS]
+                limit += p[KINETIC_FORWARD] if way > 0 else p[KINETIC_BACKWARD]
+                share = (way * limit - start) / (end - start)
+                m = _between(u0, um, u1, done + 0.5 * share * left)
+                b = _between(u0, um, u1, done + share * left)
+                state = _soft_step(p, (a, m, b), state, 0, share * left * dt)
+                done += share * left
+                continue
+        moved = _soft_step(p, (a, m, u1), state, way, left * dt)
+        if moved[1] * way >= 0.0:
+            return moved, way
+        v, v1 = state[1], moved[1]
+        share = v / (v - v1) if v * way > 0.0 else 0.0
+        for _ in range(2):
+            if share <= 0.0:
+                break
+            m = _between(u0, um, u1, done + 0.5 * share * left)
+            b = _between(u0, um, u1, done + share * left)
+            x1, v1, h1, xb, vb = _soft_step(p, (a, m, b), state, way, share * left * dt)
+            slope = _soft_rates(p, b, x1, v1, h1, xb, vb, way)[0] * left * dt
+            if slope * way < 0.0:
+                share = min(max(share - v1 / slope, 0.0), 1.0)
+        if share > 0.0:
+            m = _between(u0, um, u1, done + 0.5 * share * left)
+            b = _between(u0, um, u1, done + share * left)
+            state = _soft_step(p, (a, m, b), state, way, share * left * dt)
+            done += share * left
+        state = (state[0], 0.0, state[2], state[3], state[4])
+        way = _held(p, _soft_load(p, _between(u0, um, u1, done), state))
+    return state, way
+
+
+@law
+def _linear(p: Array) -> bool:
+    """Whether nothing but dry friction of one level a way keeps the mass from being linear."""
+    spring = p[SQUARE] != 0.0 or p[CUBIC] != 0.0 or p[GAP] > 0.0 or p[STOP_STIFFNESS] > 0.0
+    damper = p[QUADRATIC_DAMPING] != 0.0 or p[SKEW_DAMPING] != 0.0 or p[STATIC_EXCESS] > 0.0
+    weight = p[SINE] > 0.5 or p[WEIGHT_SINE] != 0.0 or p[WEIGHT_COSINE] != 0.0
+    return not (spring or damper or weight or p[HYSTERESIS_STIFFNESS] != 0.0)
+
+
+@compiled
+def _linear_step(p: Array, dt: float) -> Array:
+    """What :func:`_step` makes of a linear mass, shape (2, 5).
+
+    Position and speed after a step by position and speed before it, and by the force at its
+    beginning, in its middle and at its end.
+    """
+    bare = p.copy()
+    bare[INPUT_OFFSET] = 0.0
+    made = np.zeros((2, 5))
+    for k in range(5):
+        y = np.zeros(5)
+        y[k] = 1.0
+        made[0, k], made[1, k], _ = _step(bare, y[2], y[3], y[4], y[0], y[1], 0.0, 0, dt)
+    return made
+
+
+@law
+def _straight_step(
+    a: Array, x: float, v: float, f0: float, fm: float, f1: float
+) -> tuple[float, float]:
+    """A step of a linear mass under a force."""
+    x1 = a[0, 0] * x + a[0, 1] * v + a[0, 2] * f0 + a[0, 3] * fm + a[0, 4] * f1
+    v1 = a[1, 0] * x + a[1, 1] * v + a[1, 2] * f0 + a[1, 3] * fm + a[1, 4] * f1
+    return x1, v1
+
+
+@compiled
+def run_on_base(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -> bool:
+    """As :func:`run`, on a base that gives way; the mass slides and sticks on that.
+
+    ``out``: position and speed relative to the base, acceleration of the mass, elongation.
+    """
+    n = out.shape[0]
+    steps = (u.shape[1] - 1) // 2
+    rough = p[KINETIC_FORWARD] != 0.0 or p[KINETIC_BACKWARD] != 0.0 or p[STATIC_EXCESS] > 0.0
+    way = FREE
+    if rough:
+        way = 0
+        if v != 0.0:
+            way = 1 if v > 0.0 else -1
+    state = (x, v, 0.0, 0.0, 0.0)
+    for i in range(n):
+        first = u[i, 0] if i < n - 1 else u[n - 2, 2 * steps]
+        out[i, 0], out[i, 1], out[i, 3] = state[0], state[1], state[2]
+        now = way
+        if way == 0:
+            now = _held(p, _soft_load(p, first, state))
+        apart, base, _ = _soft_rates(
+            p, first, state[0], state[1], state[2], state[3], state[4], now
+        )
+        out[i, 2] = apart + base
+        if i == n - 1:
+            break
+        for j in range(steps):
+            inside = (u[i, 2 * j], u[i, 2 * j + 1], u[i, 2 * j + 2])
+            if rough:
+                state, way = _rough_soft_step(p, inside, state, way, dt / steps)
+            else:
+                state = _soft_step(p, inside, state, FREE, dt / steps)
+        if not abs(state[0]) + abs(state[1]) + abs(state[4]) < FAR:
+            out[i + 1 :] = 0.0
+            return False
+    return True
+
+
+@compiled
+def run(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -> bool:
+    """Simulate from a state; False where it runs away (the rest of ``out`` is then zero).
+
+    Args:
+        p: parameters, see :mod:`parameter_layout`.
+        u: input inside each sampling period, shape (n - 1, 2 s + 1): at the beginning, middle
+            and end of each of s sub-steps.
+        dt: sampling period, s.
+        x: position at the first sample.
+        v: speed at the first sample.
+        out: position, speed, acceleration and elongation of the hysteretic element at each
+            sample, shape (n, 4); filled.
+    """
+    n = out.shape[0]
+    steps = (u.shape[1] - 1) // 2
+    part = dt / steps
+    rough = p[KINETIC_FORWARD] != 0.0 or p[KINETIC_BACKWARD] != 0.0 or p[STATIC_EXCESS] > 0.0
+    plain = _linear(p)
+    straight = _linear_step(p, part) if plain else np.zeros((2, 5))
+    h = 0.0
+    way = 0
+    if rough and v != 0.0:
+        way = 1 if v > 0.0 else -1
+    for i in range(n):
+        first = u[i, 0] if i < n - 1 else u[n - 2, 2 * steps]
+        out[i, 0] = x
+        out[i, 1] = v
+        if rough and way == 0 and _held(p, _load(p, first, x, 0.0, h)) == 0:
+            out[i, 2] = 0.0
+        else:
+            out[i, 2] = _rate(p, first, x, v, h, way)
+        out[i, 3] = h
+        if i == n - 1:
+            break
+        for j in range(steps):
+            u0, um, u1 = u[i, 2 * j], u[i, 2 * j + 1], u[i, 2 * j + 2]
+            if plain and (way != 0 or not rough):
+                # as long as it slides one way its friction is one more constant force
+                more = p[INPUT_OFFSET]
+                if way != 0:
+                    more -= p[KINETIC_FORWARD] if way > 0 else -p[KINETIC_BACKWARD]
+                x1, v1 = _straight_step(straight, x, v, u0 + more, um + more, u1 + more)
+                if v1 * way >= 0.0:
+                    x, v = x1, v1
+                    continue
+            if rough:
+                x, v, h, way = _rough_step(p, u0, um, u1, x, v, h, way, part)
+            else:
+                x, v, h = _step(p, u0, um, u1, x, v, h, 0, part)
+        if not abs(x) + abs(v) < FAR:
+            out[i + 1 :] = 0.0
+            return False
+    return True
+
+
+@compiled
+def slider_force(
+    x: Array,
+    stiffness: float,
+    forward: float,
+    backward: float,
+    gap: float,
+    slip: float,
+    out: Array,
+) -> None:
+    """Add the force of a slider behind a spring and a play to ``out``, shape (n,).
+
+    ``slip``: position of the slider against the motion's first sample.
+    """
+    place = x[0] + slip
+    for i in range(x.size):
+        stretch = lost_motion(x[i] - place, gap)
+        force = stiffness * stretch
+        if force > forward:
+            place += stretch - forward / stiffness
+            force = forward
+        elif force < -backward:
+            place += stretch + backward / stiffness
+            force = -backward
+        out[i] += force
+
+
+@law
+def _towards(h: float, way: float, travel: float, rate: float) -> float:
+    """Elongation after a travel without change of sign: dh/du = way - rate h, exactly."""
+    if abs(rate * travel) < 1e-9:
+        return h + (way - rate * h) * travel
+    final = way / rate
+    return final + (h - final) * math.exp(-max(min(rate * travel, 700.0), -50.0))
+
+
+@law
+def yielded(h: float, moved: float, closing: float, leaning: float) -> float:
+    """Elongation of Bouc's element (n = 1) after a displacement ``moved``, exactly.
+
+    It depends on the path alone: dh/du = s - (closing + leaning s sign h) h along the travel u
+    in direction s. An explicit step in time would blow up where the element yields within it.
+    """
+    way = 1.0 if moved > 0.0 else -1.0
+    travel = abs(moved)
+    if h * way < 0.0:
+        rate = closing - leaning
+        left = 1.0 + rate * abs(h)
+        if left <= 0.0:
+            return _towards(h, way, travel, rate)
+        to_zero = abs(h) if abs(rate * h) < 1e-9 else math.log(left) / rate
+        if travel <= to_zero:
+            return _towards(h, way, travel, rate)
+        h, travel = 0.0, travel - to_zero
+    return _towards(h, way, travel, closing + leaning)
+
+
+@compiled
+def smooth_force(p: Array, x: Array, v: Array, a: Array, out: Array) -> None:
+    """Force of mass, dampers, springs and the yielding element, shape (n,); fills ``out``."""
+    h = 0.0
+    for i in range(x.size):
+        force = p[MASS] * a[i] + p[DAMPING] * v[i] + restoring(p, x[i]) + p[INPUT_OFFSET]
+        force += abs(v[i]) * (p[SKEW_DAMPING] + p[QUADRATIC_DAMPING] * v[i])
+        if p[HYSTERESIS_STIFFNESS] != 0.0:
+            if i > 0:
+                moved = x[i] - x[i - 1]
+                h = yielded(h, moved, p[HYSTERESIS_CLOSING], p[HYSTERESIS_LEANING])
+            force += p[HYSTERESIS_STIFFNESS] * h
+        out[i] = force

@@ -1,0 +1,378 @@
+"""What a measuring chain does to the quantity that it measures: clock, filters, coupling, range.
+
+The order is that of a chain: gain, the clock that decides when a sample is taken, filters,
+coupling, additions, and at last the range. Filters are Butterworth's; source: ISO 6487 and
+SAE J211-1. The effects to look for stand in :mod:`channel_effects`.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from scipy.interpolate import BSpline, CubicSpline
+
+from impactscope.discrepancy.driven.models.terms import Term
+
+__all__ = [
+    'before_sampling',
+    'begins_in_motion',
+    'between_samples',
+    'delayed',
+    'fading',
+    'filter_of',
+    'passed_on',
+    'power_passed',
+    'power_retimed',
+    'retimed',
+    'turned',
+]
+
+Array = NDArray[np.float64]
+
+QUIET = 50  # the beginning is so many times shorter than the recording
+STILL = 0.05  # of the recording's spread: what varies less is at rest
+LOADED = 0.3  # of the recording's spread: a mean that is a load
+FORGOTTEN = 40.0  # time constants
+NEARLY = 0.98  # of a limit: from here on a sample may be cut off
+ABOVE = 20.0  # sampling rates: cut-offs beyond delay nothing
+FINE = 8  # between samples, before a spline retimes a broad signal
+
+
+def filter_of(term: Term) -> tuple[int, bool]:
+    """Order and whether it runs forwards and backwards, of a low-pass among the candidates."""
+    kind, _, order = term.variant.partition('-')
+    return int(order.partition('@')[0]), kind.endswith('zero')
+
+
+def before_sampling(term: Term) -> bool:
+    """Whether a low-pass among the candidates acts before samples are taken."""
+    return term.variant.startswith('analogue')
+
+
+BELL = BSpline.basis_element(np.arange(-2.0, 3.0), False)  # of which a cubic spline is made
+
+
+def retimed(samples: Array, offset: float, drift: float, period: float) -> Array:
+    """Samples that a clock with an error delivers: its stamp is t (1 + drift) + offset.
+
+    By a cubic spline: for signals far below half the sampling rate. Ends are held.
+    """
+    if offset == 0.0 and drift == 0.0:
+        return samples
+    time = period * np.arange(samples.size)
+    spline = CubicSpline(time, samples)
+    return np.asarray(spline(np.clip((time - offset) / (1.0 + drift), 0.0, time[-1])))
+
+
+def power_retimed(
+    terms: Sequence[Term], values: Mapping[str, float], frequency: Array, period: float
+) -> Array:
+    """Share of white noise's power that :func:`retimed` leaves at each frequency, shape (n,).
+
+    Between two samples a spline smooths: half a sample late, a quarter of it is gone.
+    """
+    share = np.ones(frequency.size)
+    for term in terms:
+        offset = values.get(f'{term.label}.offset', 0.0) if term.name == 'clock_error' else 0.0
+        part = (offset / period) % 1.0
+        if part == 0.0:
+            continue
+        taps = np.arange(-2, 3)
+        turn = np.exp(-2j * math.pi * np.outer(frequency * period, taps))
+        moved, still = (turn @ np.nan_to_num(BELL(taps + shift)) for shift in (part, 0.0))
+        share *= np.abs(moved / still) ** 2
+    return share
+
+
+def delayed(samples: Array, delay: float, period: float) -> Array:
+    """Samples later by ``delay`` s, band-limited; the ends are held."""
+    n, pad = samples.size, min(samples.size, 64 + int(2.0 * abs(delay) / period))
+    spectrum, length = _spectrum_of_held(samples, pad)
+    turn = np.exp(-2j * math.pi * np.fft.rfftfreq(length, period) * delay)
+    return np.asarray(np.fft.irfft(spectrum * turn, length)[pad : pad + n])
+
+
+def between_samples(samples: Array, period: float) -> CubicSpline:
+    """Course of a signal up to half the sampling rate through its samples, held at the ends."""
+    pad = min(samples.size, 64)
+    spectrum, length = _spectrum_of_held(samples, pad)
+    fine = FINE * np.fft.irfft(spectrum, FINE * length)[: FINE * (samples.size + 2 * pad)]
+    return CubicSpline(period * (np.arange(fine.size) / FINE - pad), fine)
+
+
+def _spectrum_of_held(samples: Array, pad: int) -> tuple[NDArray[np.complex128], int]:
+    """Spectrum of samples whose ends are held and then joined by a ramp, and their number."""
+    held = np.concatenate([np.full(pad, samples[0]), samples, np.full(pad, samples[-1])])
+    length = 1 << held.size.bit_length()
+    held = np.concatenate([held, np.linspace(held[-1], held[0], length - held.size)])
+    return np.fft.rfft(held), length
+
+
+def begins_in_motion(samples: Array) -> bool:
+    """Whether samples, shape (n,), are not quiet at their beginning."""
+    return float(np.std(_first(samples))) >= STILL * float(np.std(samples))
+
+
+def _first(samples: Array) -> Array:
+    return samples[: max(8, samples.size // QUIET)]
+
+
+def _before(samples: Array) -> float:
+    """Level before the first sample: that of a quiet beginning, else a load that stays, else 0."""
+    if not begins_in_motion(samples):
+        return float(np.mean(_first(samples)))
+    level = float(np.mean(samples))
+    return level if abs(level) > LOADED * float(np.std(samples)) else 0.0
+
+
+@functools.lru_cache(maxsize=256)
+def _low_pass(order: int, cutoff: float, rate: float) -> Array:
+    return np.asarray(signal.butter(order, cutoff, fs=rate, output='sos'))
+
+
+@functools.lru_cache(maxsize=16)
+def _analogue(order: int, cutoff: float, length: int, rate: float) -> NDArray[np.complex128]:
+    """Response of an analogue Butterworth by line of the spectrum of ``length`` samples."""
+    below = signal.butter(order, 1.0, analog=True)[1]
+    turn = 1j * np.fft.rfftfreq(length, 1.0 / rate) / cutoff
+    return np.asarray(1.0 / np.polyval(below, turn), np.complex128)
+
+
+def _passed_before(order: int, cutoff: float, samples: Array, rate: float, *, both: bool) -> Array:
+    """Samples behind an analogue low-pass, band-limited; any cut-off, also above half the rate.
+
+    ``both``: forwards and backwards.
+    """
+    n, pad = samples.size, min(samples.size, 64 + int(order * rate / cutoff))
+    spectrum, length = _spectrum_of_held(samples, pad)
+    response = _analogue(order, cutoff, length, rate)
+    if both:
+        response = np.abs(response) ** 2
+    return np.asarray(np.fft.irfft(spectrum * response, length)[pad : pad + n])
+
+
+def _filtered(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
+    order, both = filter_of(term)
+    if not 0.0 < cutoff < _highest(term) * rate:
+        return samples
+    if before_sampling(term):
+        return _passed_before(order, cutoff, samples, rate, both=both)
+    sections = _low_pass(order, cutoff, rate)
+    if both:
+        return np.asarray(signal.sosfiltfilt(sections, samples))
+    begin = signal.sosfilt_zi(sections) * _before(samples)
+    return np.asarray(signal.sosfilt(sections, samples, zi=begin)[0])
+
+
+def turned(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
+    """Samples as late as a low-pass makes them, line by line, and as loud as they were.
+
+    Where a signal hardly stands above its noise a low-pass would seem right for smoothing that;
+    its delay does not smooth.
+    """
+    order, both = filter_of(term)
+    if both or not 0.0 < cutoff < _highest(term) * rate:
+        return samples
+    n, pad = samples.size, min(samples.size, 64 + int(order * rate / cutoff))
+    spectrum, length = _spectrum_of_held(samples, pad)
+    if before_sampling(term):
+        response = _analogue(order, cutoff, length, rate)
+    else:
+        response = _digital(order, cutoff, length, rate)
+    size = np.abs(response)
+    turn = np.divide(response, size, out=np.ones_like(response), where=size > 0.0)
+    return np.asarray(np.fft.irfft(spectrum * turn, length)[pad : pad + n])
+
+
+@functools.lru_cache(maxsize=16)
+def _digital(order: int, cutoff: float, length: int, rate: float) -> NDArray[np.complex128]:
+    """Response of a Butterworth of samples by line of the spectrum of ``length`` samples."""
+    lines = np.fft.rfftfreq(length, 1.0 / rate)
+    found = signal.sosfreqz(_low_pass(order, cutoff, rate), lines, fs=rate)[1]
+    return np.asarray(found, np.complex128)
+
+
+def _highest(term: Term) -> float:
+    """Cut-off over sampling rate from which a low-pass is as good as none."""
+    return ABOVE if before_sampling(term) else 0.5
+
+
+def _coupled(corner: float, samples: Array, rate: float) -> Array:
+    if not 0.0 < corner < 0.5 * rate:
+        return samples
+    b, a = signal.butter(1, corner, btype='high', fs=rate)
+    begin = -b[0] * _before(samples)  # and for long
+    return np.asarray(signal.lfilter(b, a, samples, zi=[begin])[0])
+
+
+def _hum(term: Term, values: Mapping[str, float], time: Array, rest: Array) -> Array:
+    """Hum of the phase that goes best with what else is left, shape (n,).
+
+    Recordings begin at any moment and the grid wanders: each has a phase of its own, for which
+    the best is taken at once (variable projection; Golub and Pereyra, Inverse Problems 19 (2003)).
+    """
+    base = _turning(values[f'{term.label}.frequency'], float(time[0]), float(time[-1]), time.size)
+    total = np.zeros(time.size)
+    for number in term.numbers:
+        part, _, order = number.name.partition('_')
+        if part == 'frequency':
+            continue
+        cosine, sine = base if order == '' else _multiple(base, int(order))
+        along, across = float(cosine @ rest), float(sine @ rest)
+        size = math.hypot(along, across)
+        if size == 0.0:
+            along = size = 1.0
+        amount = values[f'{term.label}.{number.name}'] / size
+        total += amount * (along * cosine + across * sine)
+    return total
+
+
+@functools.lru_cache(maxsize=32)
+def _turning(frequency: float, first: float, last: float, count: int) -> tuple[Array, Array]:
+    """Cosine and sine at even times, shapes (count,)."""
+    angle = 2.0 * math.pi * frequency * np.linspace(first, last, count)
+    return np.cos(angle), np.sin(angle)
+
+
+def _multiple(base: tuple[Array, Array], order: int) -> tuple[Array, Array]:
+    """Cosine and sine of a multiple of the angle."""
+    cosine, sine = base
+    for _ in range(order - 1):
+        cosine, sine = cosine * base[0] - sine * base[1], sine * base[0] + cosine * base[1]
+    return cosine, sine
+
+
+def _running(corner: float, rate: float, rest: Array) -> Array:
+    """What a coupling still holds of the time before a recording, as the rest has it, (n,)."""
+    if not 0.0 < corner < 0.5 * rate:
+        return np.zeros(rest.size)
+    held = fading(corner, rate, rest.size)
+    return np.asarray(float(held @ rest) / float(held @ held) * held)
+
+
+@functools.lru_cache(maxsize=32)
+def fading(corner: float, rate: float, count: int) -> Array:
+    """How a coupling of a corner (Hz) above zero forgets, shape (count,), from one."""
+    keep = -signal.butter(1, corner, btype='high', fs=rate)[1][1]
+    most = min(count, 1 + int(-FORGOTTEN / math.log(keep))) if 0.0 < keep < 1.0 else 1
+    return np.asarray(np.concatenate([keep ** np.arange(most), np.zeros(count - most)]))
+
+
+def _ringing(term: Term, cutoff: float, rate: float, rest: Array) -> Array:
+    """What a low-pass still holds of the time before a recording, as the rest has it, (n,)."""
+    if before_sampling(term) or not 0.0 < cutoff < _highest(term) * rate:
+        return np.zeros(rest.size)
+    free = _free(filter_of(term)[0], cutoff, rate, rest.size)
+    return np.asarray(
+        (free @ rest[: free.shape[1]]) @ np.pad(free, ((0, 0), (0, rest.size - free.shape[1])))
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def _free(order: int, cutoff: float, rate: float, count: int) -> Array:
+    """What a low-pass gives without an input, orthonormal rows until it is forgotten."""
+    sections = _low_pass(order, cutoff, rate)
+    slowest = float(np.max(np.abs(signal.sos2zpk(sections)[1])))
+    most = min(count, 1 + int(-FORGOTTEN / math.log(slowest)))
+    used = (sections[:, [1, 2]] != 0.0) | (sections[:, [4, 5]] != 0.0)  # a section may be short
+    begins = np.eye(2 * len(sections))[used.ravel()].reshape(-1, len(sections), 2)
+    rows = np.stack([signal.sosfilt(sections, np.zeros(most), zi=zi)[0] for zi in begins])
+    _, size, free = np.linalg.svd(rows, full_matrices=False)
+    return np.ascontiguousarray(free[size > 1e-9 * size[0]])
+
+
+def passed_on(
+    samples: Array,
+    parts: Mapping[str, Term],
+    values: Mapping[str, float],
+    period: float,
+    begin: float,
+    *,
+    beyond: Array | None = None,
+    measured: Array | None = None,
+) -> Array:
+    """What a chain makes of samples, shape (n,), without its clock.
+
+    Args:
+        samples: of the quantity.
+        parts: effects by name.
+        values: numbers by key.
+        period: s between samples.
+        begin: s after the recording's first sample.
+        beyond: what no low-pass touches, added behind it.
+        measured: what came out, from which the phase of a hum and what a filter and a coupling
+            hold from before the recording are taken; zeros where it is not there.
+    """
+    rate = 1.0 / period
+    y = samples
+    time: Array = period * np.arange(y.size, dtype=np.float64)
+    if 'low_pass_filter' in parts:
+        term = parts['low_pass_filter']
+        y = _filtered(term, values[f'{term.label}.cutoff'], y, rate)
+    if beyond is not None:
+        y = y + beyond
+    if 'ac_coupling' in parts:
+        term = parts['ac_coupling']
+        y = _coupled(values[f'{term.label}.corner'], y, rate)
+    if 'offset' in parts:
+        y = y + values[f'{parts["offset"].label}.value']
+    if 'zero_drift' in parts:
+        y = y + values[f'{parts["zero_drift"].label}.rate'] * time
+    if any(t.own for t in parts.values()):
+        moving = begins_in_motion(samples)
+        y = y + _of_its_own(y, parts, values, np.asarray(begin + time), rate, measured, moving)
+    if 'saturation' in parts:
+        limit = values[f'{parts["saturation"].label}.limit']
+        y = np.clip(y, -limit, limit)
+    return np.asarray(y)
+
+
+def _of_its_own(
+    y: Array,
+    parts: Mapping[str, Term],
+    values: Mapping[str, float],
+    time: Array,
+    rate: float,
+    measured: Array | None,
+    moving: bool,
+) -> Array:
+    """What a recording has of its own: a filter's and a coupling's memory, and the hum, (n,)."""
+    rest = np.zeros(y.size) if measured is None else measured - y
+    if 'saturation' in parts and measured is not None:
+        limit = values[f'{parts["saturation"].label}.limit']
+        rest = np.where(np.abs(measured) < NEARLY * limit, rest, 0.0)
+    total = np.zeros(y.size)
+    if 'low_pass_filter' in parts and parts['low_pass_filter'].own and moving:
+        term = parts['low_pass_filter']
+        total += _ringing(term, values[f'{term.label}.cutoff'], rate, rest)
+    if 'ac_coupling' in parts and parts['ac_coupling'].own:
+        term = parts['ac_coupling']
+        total += _running(values[f'{term.label}.corner'], rate, rest - total)
+    if 'mains_hum' in parts:
+        total += _hum(parts['mains_hum'], values, time, rest - total)
+    return total
+
+
+def power_passed(
+    terms: Sequence[Term], values: Mapping[str, float], frequency: Array, rate: float
+) -> Array:
+    """Share of the power that the filters among the effects let pass, by frequency, shape (n,)."""
+    share = np.ones(frequency.size)
+    for term in terms:
+        if term.name == 'low_pass_filter':
+            order, both = filter_of(term)
+            cutoff = values[f'{term.label}.cutoff']
+            if before_sampling(term):
+                share *= (1.0 + (frequency / cutoff) ** (2 * order)) ** (-2.0 if both else -1.0)
+            elif 0.0 < cutoff < 0.5 * rate:
+                _, h = signal.sosfreqz(_low_pass(order, cutoff, rate), frequency, fs=rate)
+                share *= np.abs(h) ** (4 if both else 2)
+        elif term.name == 'ac_coupling':
+            corner = values[f'{term.label}.corner']
+            share *= frequency**2 / (frequency**2 + corner**2 + 1e-300)
+    return share

@@ -1,0 +1,1 @@
+"""What noise is like, and the filters that whiten it; arrays alone."""

@@ -1,0 +1,190 @@
+"""Alternatives to what was found that the search does not reach one effect at a time.
+
+Laws that are written in two ways, or that look alike as long as one effect is added at a time.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+from impactscope.discrepancy.driven.fits.simulation_error import Fit
+from impactscope.discrepancy.driven.model_selection.model_comparison import Judge
+from impactscope.discrepancy.driven.models.candidate_effects import FRICTION
+from impactscope.discrepancy.driven.models.terms import key
+from impactscope.discrepancy.driven.search.joint_fits import Fits
+
+__all__ = [
+    'friction_of_baseline',
+    'other_asymmetry',
+    'other_friction',
+    'other_levels',
+    'other_zero',
+    'plain_friction',
+    'spring_of_position',
+]
+
+RELATIVES = ('stribeck_friction', 'asymmetric_friction')
+SLOW = ('offset', 'zero_drift', 'ac_coupling')
+AS_GOOD = 4.0  # of the criterion, within which two laws are one
+
+
+def plain_friction(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """A friction of several numbers against the one of the same force both ways.
+
+    A search that goes on from a seed may never have tried it.
+    """
+    plain = next((t for t in fits.model.terms if t.label == 'coulomb_friction'), None)
+    old = next((t for t in best.terms if t.name in FRICTION and len(t.numbers) > 1), None)
+    if plain is None or old is None:
+        return best
+    sides = ('force_forward', 'force_backward', 'kinetic_force')
+    forces = [best.values[key(old, n)] for n in old.numbers if n.name in sides]
+    if not forces:
+        return best
+    rest = tuple(t for t in best.terms if t is not old)
+    initial = {key(plain, plain.numbers[0]): sum(forces) / len(forces)}
+    made = fits.make(best, (*rest, plain), initial)
+    return best if judge.better(made, best) else made
+
+
+def other_friction(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """A friction that differs by direction against one with a peak at rest and an offset.
+
+    The first of these is what the second looks like as long as one effect at a time is added.
+    """
+    old = next((t for t in best.terms if t.name == 'asymmetric_friction'), None)
+    offset = next((t for t in fits.model.terms if t.name == 'offset'), None)
+    if old is None or offset is None:
+        return best
+    forces = [best.values[key(old, n)] for n in old.numbers if n.name.startswith('force')]
+    mean = sum(forces) / len(forces)
+    rest = tuple(t for t in best.terms if t is not old)
+    for term in fits.model.terms:
+        if term.name != 'stribeck_friction' or not all(term.stands_with(t) for t in rest):
+            continue
+        terms = (*rest, offset, term)
+        sizes = {'kinetic_force': 0.8 * mean, 'excess_force': 0.4 * mean}
+        initial = {key(term, n): sizes.get(n.name, n.starts[0]) for n in term.numbers}
+        initial[key(offset, offset.numbers[0])] = 0.5 * (forces[0] - forces[-1])
+        speed = next(n for n in term.numbers if n.name == 'speed')
+        later = {**initial, key(term, speed): speed.starts[len(speed.starts) // 2]}
+        fits.make(best, terms, initial, later)
+    return _best(fits, judge)
+
+
+def friction_of_baseline(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """A plain friction that the baseline has against its relatives, which stand in its place.
+
+    They cannot be found beside it.
+    """
+    old = next((t for t in fits.baseline.terms if t.name == 'coulomb_friction'), None)
+    if old is None:
+        return best
+    known = {n.name: fits.baseline.values[key(old, n)] for n in old.numbers}
+    size = known.pop('force')
+    known |= {'force_forward': size, 'force_backward': size}
+    known |= {'kinetic_force': 0.9 * size, 'excess_force': 0.2 * size}
+    for base in (fits.baseline, best):
+        rest = tuple(t for t in base.terms if t is not old)
+        for term in fits.model.terms:
+            if term.name not in RELATIVES or not all(term.stands_with(t) for t in rest):
+                continue
+            first = {key(term, n): known.get(n.name, n.starts[0]) for n in term.numbers}
+            last = {key(term, n): known.get(n.name, n.starts[-1]) for n in term.numbers}
+            fits.make(base, (*rest, term), first, last)
+    return _best(fits, judge)
+
+
+def other_asymmetry(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """A friction that differs by direction against an even one and a load that stays."""
+    old = next((t for t in best.terms if t.name == 'asymmetric_friction'), None)
+    even = next((t for t in fits.model.terms if t.label == 'coulomb_friction'), None)
+    if old is None or even is None:
+        return best
+    forces = [best.values[key(old, n)] for n in old.numbers if n.name.startswith('force')]
+    mean, load = sum(forces) / len(forces), 0.5 * (forces[-1] - forces[0])
+    rest = tuple(t for t in best.terms if t is not old)
+    stiffness = best.values.get('stiffness', 1.0)
+    for offset in fits.model.terms:
+        if offset.name == 'offset' and all(offset.stands_with(t) for t in (*rest, even)):
+            size = load / stiffness if offset.output else load
+            initial = {key(even, even.numbers[0]): mean, key(offset, offset.numbers[0]): size}
+            fits.make(best, (*rest, even, offset), initial)
+    return _best(fits, judge)
+
+
+def other_levels(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """Offset, drift and coupling of a channel against each other, alone and two at a time.
+
+    What a coupling still holds from before a recording looks like any of them, and beside it an
+    offset like a drift.
+    """
+    old = [t for t in best.terms if t.output and t.name in SLOW]
+    if not old or old == [t for t in old if t.name != 'ac_coupling'][:1]:
+        return best
+    rest = tuple(t for t in best.terms if t not in old)
+    corner = next(
+        (best.values[key(t, n)] for t in old for n in t.numbers if n.name == 'corner'), 0.0
+    )
+    slow = [
+        t for t in fits.model.terms if t.output and t.name in SLOW and t.channel == old[0].channel
+    ]
+    for count in (1, 2):
+        for chosen in itertools.combinations(slow, count):
+            together = (*rest, *chosen)
+            if not all(a.stands_with(b) for a, b in itertools.combinations(together, 2)):
+                continue
+            starts = {
+                key(t, n): corner if n.name == 'corner' and corner > 0.0 else n.starts[0]
+                for t in chosen
+                if t not in old
+                for n in t.numbers
+            }
+            fits.make(best, together, starts)
+    return _best(fits, judge)
+
+
+def other_zero(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """A channel with another zero in the place of a load and a spring that is uneven about it.
+
+    A spring whose stiffness goes evenly with the displacement does so about the place where it is
+    at rest; counted from elsewhere it is under a load, and softer to one side.
+    """
+    load = next((t for t in best.terms if t.name == 'offset' and not t.output), None)
+    uneven = next((t for t in best.terms if t.name == 'asymmetric_spring'), None)
+    stiffness = best.values.get('stiffness', 0.0)
+    if load is None or uneven is None or not stiffness > 0.0:
+        return best
+    rest = tuple(t for t in best.terms if t not in (load, uneven))
+    size = best.values[key(load, load.numbers[0])] / stiffness
+    for zero in fits.model.terms:
+        if zero.name == 'offset' and zero.output and all(zero.stands_with(t) for t in rest):
+            fits.make(best, (*rest, zero), {key(zero, zero.numbers[0]): size})
+    return _best(fits, judge)
+
+
+def spring_of_position(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """A weak spring in the place of a coupling of a position that fades within no recording.
+
+    Of a mass with a damper they are one law, and what reads positions is not coupled.
+    """
+    old = next((t for t in best.terms if t.output and t.name == 'ac_coupling'), None)
+    spring = next((t for t in fits.model.terms if t.label == 'restoring_force'), None)
+    position = fits.model.drifts and all(s.unit in ('m', 'rad') for s in fits.segments)
+    if old is None or spring is None or not position:
+        return best
+    corner = 2.0 * math.pi * best.values[key(old, old.numbers[0])]
+    longest = max(s.measured.size * s.period for s in fits.segments)
+    rest = tuple(t for t in best.terms if t is not old)
+    if corner * longest > 1.0 or not all(spring.stands_with(t) for t in rest):
+        return best
+    initial = {key(spring, n): n.starts[0] for n in spring.numbers}
+    initial[key(spring, spring.numbers[0])] = best.values['damping'] * corner
+    made = fits.polish(fits.make(best, (*rest, spring), initial))
+    worse = judge.criterion(made, fits.baseline) - judge.criterion(best, fits.baseline)
+    return made if worse < AS_GOOD else best
+
+
+def _best(fits: Fits, judge: Judge) -> Fit:
+    return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))

@@ -1,0 +1,174 @@
+"""Joint fits of several effects where the residual is noise; each is made once."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.driven.fits.innovations import innovations
+from impactscope.discrepancy.driven.fits.linearisation import linearised
+from impactscope.discrepancy.driven.fits.simulation_error import Fit, fit, numbers_of
+from impactscope.discrepancy.driven.models.measuring_chain import filter_of
+from impactscope.discrepancy.driven.models.model import Model, Segment
+from impactscope.discrepancy.driven.models.terms import Term, key
+from impactscope.discrepancy.driven.search.screening import screened
+
+__all__ = ['Fits', 'labels_of']
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-6  # of chi-square, at which a trial fit ends
+BRIEF, EVALUATIONS = 5, 15  # at first, and then where it is worth it
+# of an axis, over its value: by which moments of breaking away between samples move a number
+LEAST_STD = 1e-5
+ROUGH_STD = 0.03  # by which numbers with rough slopes differ from one start to another
+LONG = 40  # where everything depends on it
+LOST = 1000.0  # chi-square by which a fit is behind the best
+POLISHED = 'polished'
+# of the low-pass that is looked for before its other orders are: one with a delay shows that
+# first, while what orders without one do to a signal has nothing in common
+FIRST_ORDER, FIRST_ORDERS_WITHOUT_DELAY = 2, (1, 2)
+
+
+class Fits:
+    """Joint fits, each made once."""
+
+    def __init__(self, model: Model, segments: Sequence[Segment], baseline: Fit) -> None:
+        self.model, self.segments, self.baseline = model, segments, baseline
+        self.known: dict[frozenset[str], Fit] = {labels_of(baseline.terms): baseline}
+        self.look_around(baseline)
+
+    def look_around(self, place: Fit) -> None:
+        """Look at every candidate beside a fit, near which the search will be."""
+        self.place, self.here = place, linearised(self.model, place, self.segments)
+        # a low-pass shows little of an axis' motion: of what order it is matters
+        first = [t for t in self.model.terms if self.model.drifts or _looked_at(t)]
+        self.looks = screened(self.model, place, first, self.segments)
+        # what is tuned in every fit; its derivatives change little from one to the next
+        self.tuned: Array | None = None
+        if not self.model.drifts:  # where errors add up they change
+            count = len(numbers_of(self.model, self.baseline.terms))
+            self.tuned = -self.here.slopes[:, :count]
+
+    def make(
+        self,
+        base: Fit,
+        terms: tuple[Term, ...],
+        initial: Mapping[str, float],
+        other: Mapping[str, float] | None = None,
+    ) -> Fit:
+        """The fit with these terms, the better one where there are two starts."""
+        names = labels_of(terms)
+        if names not in self.known:
+            tries = [self._fit(base, terms, initial)]
+            # with one number alone, or one way to be large, both starts end in the same place
+            if other is not None and len(terms[-1].numbers) > 1:
+                tries.append(self._fit(base, terms, other))
+            self.known[names] = min(tries, key=self.misfit)
+        return self.known[names]
+
+    def _fit(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
+        scaled = tuple(_measured_by(t, initial) for t in terms)
+        whole = labels_of(self.baseline.terms) <= labels_of(terms)
+        values, starts = {**base.values, **initial}, base.starts
+        for evaluations in (BRIEF, EVALUATIONS):
+            made = fit(
+                self.model,
+                scaled,
+                self.segments,
+                values,
+                starts,
+                evaluations,
+                TOLERANCE,
+                self.tuned if whole else None,
+            )
+            if made.evaluations < evaluations or self._behind(made):
+                break
+            values, starts = dict(made.values), made.starts
+        return made
+
+    def _to_the_end(self, made: Fit) -> Fit:
+        return fit(
+            self.model, made.terms, self.segments, made.values, made.starts, LONG, TOLERANCE
+        )
+
+    def _behind(self, made: Fit) -> bool:
+        """Whether a fit is so far from the best that its last digits do not matter."""
+        best = min(self.misfit(f) for f in self.known.values())
+        excess = self.misfit(made) - best
+        return excess > max(LOST, 0.5 * (self.misfit(self.place) - best))
+
+    def without(self, base: Fit, terms: tuple[Term, ...]) -> Fit:
+        """The fit with fewer terms, from where the larger one has ended, too."""
+        names = labels_of(terms)
+        if names == labels_of(self.baseline.terms):
+            return self.baseline
+        again = self._fit(base, terms, {})
+        if self.model.drifts:  # a companion that only helped the fit on its way must not stay
+            again = self._to_the_end(again)
+        known = self.known.get(names)
+        if known is None or self.misfit(again) < self.misfit(known):
+            self.known[names] = again
+        return self.known[names]
+
+    def take(self, made: Fit) -> Fit:
+        """A fit that was made elsewhere, converged here."""
+        names = labels_of(made.terms)
+        if names not in self.known:
+            self.known[names] = fit(
+                self.model, made.terms, self.segments, made.values, made.starts, 3 * EVALUATIONS
+            )
+        return self.known[names]
+
+    def misfit(self, made: Fit) -> float:
+        """Chi-square on the fitted recordings."""
+        pairs = zip(self.segments, made.residuals, strict=True)
+        return float(sum(np.sum(innovations(s, r) ** 2) for s, r in pairs if not s.held_out))
+
+    def polish(self, made: Fit) -> Fit:
+        """A fit once more, with every derivative taken anew."""
+        if made.label != POLISHED and made is not self.baseline:
+            names = labels_of(made.terms)
+            better = fit(
+                self.model,
+                made.terms,
+                self.segments,
+                made.values,
+                made.starts,
+                EVALUATIONS,
+                TOLERANCE,
+            )
+            rough = {key(t, n) for t in made.terms if t.rough for n in t.numbers}
+            least = LEAST_STD if self.model.drifts else 0.0
+            std = {
+                k: max(v, (ROUGH_STD if k in rough else least) * abs(better.values[k]))
+                for k, v in better.std.items()
+            }
+            self.known[names] = dataclasses.replace(better, label=POLISHED, std=std)
+        return self.known[labels_of(made.terms)]
+
+
+def _measured_by(term: Term, initial: Mapping[str, float]) -> Term:
+    """A term whose amounts are measured by the values that they start from."""
+    numbers = []
+    for n in term.numbers:
+        size = abs(initial.get(key(term, n), 0.0))
+        numbers.append(
+            dataclasses.replace(n, scale=size) if n.name in term.amounts and size > 0.0 else n
+        )
+    return dataclasses.replace(term, numbers=tuple(numbers))
+
+
+def _looked_at(term: Term) -> bool:
+    if term.name != 'low_pass_filter':
+        return True
+    order, both = filter_of(term)
+    return order in FIRST_ORDERS_WITHOUT_DELAY if both else order == FIRST_ORDER
+
+
+def labels_of(terms: Sequence[Term]) -> frozenset[str]:
+    """Labels of terms, which name a model."""
+    return frozenset(t.label for t in terms)

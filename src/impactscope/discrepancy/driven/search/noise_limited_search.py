@@ -1,0 +1,261 @@
+"""The search where a right model leaves the sensor's noise and nothing else.
+
+Then effects of a thousandth of the signal can be told. Each step has three parts: every candidate
+is looked at (:mod:`screening`); the best are fitted with everything else; chi-square on the
+fitted and on the held-out recordings decides. Then backwards, and each effect against its rivals
+beside the others.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.driven.fits.innovations import innovations
+from impactscope.discrepancy.driven.fits.simulation_error import Fit
+from impactscope.discrepancy.driven.model_selection.chi_square import DELAYING, NoiseJudge
+from impactscope.discrepancy.driven.model_selection.model_comparison import Judge
+from impactscope.discrepancy.driven.models.measuring_chain import before_sampling, filter_of
+from impactscope.discrepancy.driven.models.model import Model, Segment
+from impactscope.discrepancy.driven.models.terms import key
+from impactscope.discrepancy.driven.search.alternative_laws import (
+    friction_of_baseline,
+    other_asymmetry,
+    other_friction,
+    other_levels,
+    other_zero,
+    plain_friction,
+    spring_of_position,
+)
+from impactscope.discrepancy.driven.search.beam_search import Outcome, prune
+from impactscope.discrepancy.driven.search.joint_fits import Fits, labels_of
+from impactscope.discrepancy.driven.search.screening import (
+    HOPE,
+    Prospect,
+    prospects,
+    refined_start,
+    screened,
+)
+from impactscope.discrepancy.patience import lasts
+
+__all__ = ['noise_limited_search']
+
+Array = NDArray[np.float64]
+Tell = Callable[[float], None]
+
+FITTED = 9  # candidates that are fitted at the first step; half as many later
+CLOSE = 60.0  # chi-square within which a second model is kept beside the best
+DEPTH = 3
+NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the best
+FAR = 10.0  # times the samples: chi-square from which a search goes on from what was found
+EDGE = 64  # samples at either end
+MORE = 0.25  # of reduced chi-square, that is more than noise
+FORM = 0.01  # of what a delay gains, that its form leaves open
+LATE = {
+    1: 1.0,
+    2: 1.414,
+    3: 2.0,
+    4: 2.613,
+    5: 3.236,
+    6: 3.864,
+    7: 4.494,
+    8: 5.126,
+}  # delay times corner, 1/(2 pi)
+
+
+def noise_limited_search(
+    model: Model,
+    baseline: Fit,
+    segments: Sequence[Segment],
+    judge: NoiseJudge,
+    progress: Tell | None = None,
+    seed: Fit | None = None,
+) -> Outcome:
+    """Find the smallest set of terms that chi-square cannot do without.
+
+    ``seed``: a fit of the same model that another search has found, to go on from.
+    """
+    tell = progress or (lambda _share: None)
+    judge.reference = baseline
+    fits = Fits(model, segments, baseline)
+    beam = [baseline]
+    if seed is not None and seed.terms:
+        start = fits.take(seed)
+        if judge.gain(baseline, start).fitted > FAR * sum(s.measured.size for s in segments):
+            beam = [start]
+            fits.look_around(start)
+    for depth in range(DEPTH):
+        if depth and not lasts('further effects'):
+            break
+        grown: list[Fit] = []
+        for base in beam:
+            grown += _grow(fits, base, FITTED if depth == 0 else FITTED // 2)
+        tell((depth + 1) / (DEPTH + 1))
+        if not grown:
+            break
+        grown.sort(key=lambda f: judge.criterion(f, baseline))
+        believed = [f for f in grown if judge.better(_best_parent(fits, f, judge), f)]
+        level = judge.criterion(grown[0], baseline)
+        # of two that are missing each may be hidden by what the other one leaves
+        hidden = depth == 0 and level < 0.0 and _far_from_noise(judge, baseline)
+        if not believed and not hidden:
+            break
+        close = [f for f in _distinct(grown) if judge.criterion(f, baseline) < level + CLOSE]
+        beam = close[:2]
+    best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
+    best = _pruned(fits, best, judge)
+    best = _pruned(fits, plain_friction(fits, best, judge), judge)
+    best = _pruned(fits, other_friction(fits, best, judge), judge)
+    best = other_asymmetry(fits, best, judge)
+    best = _pruned(fits, other_levels(fits, best, judge), judge)
+    best = _pruned(fits, other_zero(fits, best, judge), judge)
+    best = _against_rivals(fits, best, judge)
+    best = _pruned(fits, friction_of_baseline(fits, best, judge), judge)
+    level = judge.criterion(best, baseline) + NEAR
+    for made in [f for f in fits.known.values() if judge.criterion(f, baseline) < level]:
+        fits.polish(made)
+    best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
+    best = _one_delay(fits, fits.polish(_pruned(fits, best, judge)), judge)
+    best = spring_of_position(fits, best, judge)
+    if best is not baseline and not judge.better(baseline, best):
+        best = baseline
+    rivals = tuple(f for f in fits.known.values() if f is not best)
+    return Outcome(baseline, best, rivals, best is not baseline)
+
+
+def _far_from_noise(judge: NoiseJudge, made: Fit) -> bool:
+    """Whether more than noise is left of the recordings that were fitted, by its size alone."""
+    rows = zip(judge.chi_squares(made), judge.segments, strict=True)
+    fitted = [(left, s.measured.size) for left, s in rows if not s.held_out]
+    count = sum(size for _, size in fitted)
+    return math.fsum(left for left, _ in fitted) > (1.0 + MORE) * count
+
+
+def _grow(fits: Fits, base: Fit, most: int) -> list[Fit]:
+    """Fits with one term more; the friction family starts from its simplest member."""
+    candidates = [look for look in fits.looks if all(look.term.stands_with(o) for o in base.terms)]
+    here = fits.here if base is fits.place else None
+    ranked = prospects(fits.model, base, candidates, fits.segments, here)
+    made: list[Fit] = []
+    names: dict[str, int] = {}
+    for p in ranked:
+        if len(made) >= most or p.gain < HOPE:
+            break
+        names[p.term.name] = names.get(p.term.name, 0) + 1
+        if names[p.term.name] > 3:
+            continue
+        if p.term.rough and here is not None:
+            begin = refined_start(fits.model, base, p, fits.segments, here)
+            p = dataclasses.replace(p, initial=begin, other=None)
+        made.append(fits.make(base, (*base.terms, p.term), p.initial, p.other))
+    best = max(ranked, key=lambda p: p.gain, default=None)
+    forms: set[tuple[bool, bool]] = set()
+    for p in ranked:
+        if p.term.name == 'low_pass_filter' and best is not None and p.gain > 0.5 * best.gain:
+            form = before_sampling(p.term), filter_of(p.term)[1]
+            if form not in forms:
+                made += _other_orders(fits, base, p)
+            forms.add(form)
+    return made
+
+
+def _other_orders(fits: Fits, base: Fit, first: Prospect) -> list[Fit]:
+    """The same low-pass with other orders: from the cut-off with the same delay, or looked for.
+
+    Without a delay, each order weakens the signal after a law of its own.
+    """
+    made = []
+    order, both = filter_of(first.term)
+    (cutoff,) = first.initial.values()
+    for term in fits.model.terms:
+        if term.name != first.term.name or filter_of(term)[1] != both:
+            continue
+        if before_sampling(term) != before_sampling(first.term):
+            continue
+        if both:
+            seen = screened(fits.model, fits.place, [term], fits.segments)
+            here = fits.here if base is fits.place else None
+            (best,) = prospects(fits.model, base, seen, fits.segments, here)
+            made.append(fits.make(base, (*base.terms, term), best.initial, best.other))
+            continue
+        number, ratio = term.numbers[0], LATE[filter_of(term)[0]] / LATE[order]
+        initial = {key(term, number): min(cutoff * ratio, 0.95 * number.upper)}
+        made.append(fits.make(base, (*base.terms, term), initial))
+    return made
+
+
+def _distinct(made: Sequence[Fit]) -> list[Fit]:
+    """Fits in their order, of every set of names the first alone."""
+    found: dict[frozenset[str], Fit] = {}
+    for f in made:
+        found.setdefault(frozenset(t.name for t in f.terms), f)
+    return list(found.values())
+
+
+def _best_parent(fits: Fits, child: Fit, judge: Judge) -> Fit:
+    names = labels_of(child.terms)
+    parents = [f for n, f in fits.known.items() if n < names and len(n) == len(names) - 1]
+    return min(parents, key=lambda f: judge.criterion(f, fits.baseline), default=fits.baseline)
+
+
+def _pruned(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    return prune(best, fits.baseline, judge, fits.without)
+
+
+def _one_delay(fits: Fits, best: Fit, judge: NoiseJudge) -> Fit:
+    """A clock and a filter of which one does nearly all are one delay of a form not quite known.
+
+    Together each can be large and undo the other; what they gain beyond one alone is then no
+    more than the form of the filter (analogue, of samples, its order) leaves open, or is gained
+    where a recording begins or ends.
+    """
+    both = [t for t in best.terms if t.name in DELAYING]
+    if len(both) < len(DELAYING):
+        return best
+    others = frozenset(t.label for t in best.terms if t not in both)
+    rest = fits.without(best, tuple(t for t in best.terms if t not in both))
+    alone = [
+        f
+        for f in fits.known.values()
+        if sum(t.name in DELAYING for t in f.terms) == 1
+        and frozenset(t.label for t in f.terms if t.name not in DELAYING) == others
+    ]
+    if not alone:
+        return best
+    one = min(alone, key=lambda f: judge.criterion(f, fits.baseline))
+    gain, whole = judge.gain(one, best), judge.gain(rest, best).fitted
+    inside = _inside(one, best, fits.segments)
+    slight = gain.fitted < FORM * whole or inside < judge.needed(gain)
+    return fits.polish(one) if slight else best
+
+
+def _inside(one: Fit, other: Fit, segments: Sequence[Segment]) -> float:
+    """Fall of chi-square from one fit to another, but for the first and last samples.
+
+    What a delay does there hangs on what came before, which nobody has recorded.
+    """
+    gain = 0.0
+    for s, old, new in zip(segments, one.residuals, other.residuals, strict=True):
+        if not s.held_out:
+            fall = innovations(s, old) ** 2 - innovations(s, new) ** 2
+            gain += float(np.sum(fall[EDGE:-EDGE]))
+    return gain
+
+
+def _against_rivals(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """Each of several terms against what could stand in its place beside the others."""
+    given = labels_of(fits.baseline.terms)
+    new = [t for t in best.terms if t.label not in given]
+    if len(new) > 1:
+        for term in new:
+            rest = tuple(t for t in best.terms if t.label != term.label)
+            _grow(fits, fits.make(best, rest, {}), FITTED // 2)
+        same = [f for f in fits.known.values() if f.added <= best.added]
+        rival = min(same, key=lambda f: judge.criterion(f, fits.baseline))
+        if judge.criterion(rival, fits.baseline) < judge.criterion(best, fits.baseline):
+            return _pruned(fits, rival, judge)
+    return best

@@ -1,0 +1,1 @@
+"""Each kind of system with its baseline, its noise and its candidates."""

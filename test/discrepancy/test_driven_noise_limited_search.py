@@ -1,0 +1,171 @@
+"""Plates under a measured hammer, where noise is all that the right model leaves."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
+from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.adequacy.unmodelled_laws import UnmodelledLaw, equivalent_gain
+
+RATE, SAMPLES, NOISE = 4000.0, 2000, 0.1
+MASS, DAMPING, STIFFNESS = 1.6, 12.0, 1.6 * (2 * math.pi * 34.0) ** 2
+FINE = 16  # steps of the reference in a sample
+
+
+def force_at(time, blows):
+    total = np.zeros(time.size)
+    for begin, length, peak, power in blows:
+        share = (time - begin) / length
+        inside = (share > 0) & (share < 1)
+        total[inside] += peak * np.sin(np.pi * share[inside]) ** power
+    return total
+
+
+def accelerations(blows, law):
+    """Central differences at many steps a sample: another integrator than the one examined."""
+    dt = 1.0 / (RATE * FINE)
+    force = force_at(dt * np.arange(SAMPLES * FINE), blows)
+    x = v = 0.0
+    out = np.empty(SAMPLES)
+    half = 0.5 * dt
+    for i, u in enumerate(force):
+        a = (u - STIFFNESS * x - DAMPING * v - law(x, v)) / MASS
+        if i % FINE == 0:
+            out[i // FINE] = a
+        middle = v + half * a
+        x = x + dt * middle
+        ahead = force[min(i + 1, force.size - 1)]
+        v = middle + half * (ahead - STIFFNESS * x - DAMPING * middle - law(x, middle)) / MASS
+    return out
+
+
+def made(seed, law=lambda _x, _v: 0.0, chain=lambda y: y, sensor=None, laws=None):
+    """Four recordings of one or two blows, the last held out."""
+    rng = np.random.default_rng(seed)
+    entries, channels = [], {}
+    time = np.arange(SAMPLES) / RATE
+    for i in range(4):
+        blows = [(0.06, rng.uniform(5e-3, 9e-3), rng.uniform(30, 120), 1.6)]
+        if i % 2:
+            blows.append((0.32, rng.uniform(5e-3, 9e-3), rng.uniform(20, 60), 2.0))
+        output = chain(accelerations(blows, law if laws is None else laws[i]))
+        output = output + NOISE * rng.standard_normal(SAMPLES)
+        force = force_at(time, blows) + 0.01 * rng.standard_normal(SAMPLES)
+        file = f'blow{i}.mcap'
+        entries.append({'file': file, 'kind': 'driven', 'role': 'hold_out' if i == 3 else 'fit'})
+        channels[file] = {
+            'force.hammer': ChannelSamples('force.hammer', 'N', RATE, 0.0, force),
+            'acceleration.plate': ChannelSamples('acceleration.plate', 'm/s^2', RATE, 0.0, output),
+        }
+    bench = {'kind': 'driven', 'input': 'force.hammer', 'outputs': ['acceleration.plate']}
+    data = {
+        'version': 1,
+        'bench': bench,
+        'model': {'modes': 1},
+        'baseline': ['linear_sensor'],
+        'sensor': sensor or {},
+        'recordings': entries,
+    }
+    return parse_campaign(data).with_samples(channels.__getitem__)
+
+
+def test_nothing():
+    answer = explain_driven(made(1))
+    assert answer.accepted == ()
+    assert answer.mismatch.p_value > 3e-3
+    for name, true in (('mass', MASS), ('damping', DAMPING), ('stiffness', STIFFNESS)):
+        found = answer.baseline_parameters[name]
+        assert abs(found.value - true) < 4 * found.std
+
+
+def test_weak_dry_friction_is_found_with_its_size():
+    """A hundredth of a newton: invisible in any plot, thirty times what chance would give."""
+
+    def law(_x, v):
+        return 0.02 * np.sign(v)
+
+    answer = explain_driven(made(2, law))
+    assert answer.accepted == ('coulomb_friction',)
+    found = answer.ranking[0].parameters['force']
+    assert abs(found.value - 0.02) < 4 * found.std
+    assert answer.mismatch.p_value < 1e-6
+    assert answer.mismatch.regions
+    held_out = answer.fit.extended.held_out_rmse['acceleration.plate']
+    assert held_out < 1.1 * NOISE
+
+
+def test_ac_coupling_of_the_output_is_no_asymmetric_spring():
+    b, a = signal.butter(1, 0.15, btype='high', fs=RATE)
+    answer = explain_driven(made(3, chain=lambda y: signal.lfilter(b, a, y)))
+    assert answer.accepted == ('ac_coupling',)
+    assert answer.ranking[0].channel == 'acceleration.plate'
+    corner = answer.ranking[0].parameters['corner']
+    assert abs(corner.value - 0.15) < 4 * corner.std
+
+
+def test_a_cubic_spring_is_found_in_a_channel_that_drifts_far():
+    """The drift alone leaves many times the noise, and slow modes explain most of it."""
+    ramp = 8.0 * np.arange(SAMPLES) / RATE
+
+    def law(x, _v):
+        return 4e7 * x**3
+
+    answer = explain_driven(made(4, law, chain=lambda y: y + ramp))
+    assert set(answer.accepted) == {'hardening_spring', 'zero_drift'}
+    found = {f.name: f.parameters for f in answer.ranking}
+    for name, number, true in (('hardening_spring', 'cubic', 4e7), ('zero_drift', 'rate', 8.0)):
+        told = found[name][number]
+        assert abs(told.value - true) < 4 * told.std
+
+
+def test_a_strong_filter_is_no_further_mode():
+    """What it leaves is far from noise, and a mode as damped as the filter explains most of it."""
+    sections = signal.butter(2, 250.0, fs=RATE, output='sos')
+    answer = explain_driven(made(6, chain=lambda y: signal.sosfilt(sections, y)))
+    assert answer.accepted == ('low_pass_filter',)
+    cutoff = answer.ranking[0].parameters['cutoff']
+    assert abs(cutoff.value - 250.0) < 4 * cutoff.std
+
+
+def test_stiffness_that_differs_between_recordings_is_unknown():
+    laws = [lambda x, _v, s=s: s * STIFFNESS * x for s in (0.0, 5e-4, -5e-4, 0.0)]
+    answer = explain_driven(made(4, laws=laws))
+    assert answer.accepted == ('unknown',)
+    assert answer.unexplained
+    assert 'recordings' in answer.summary()
+
+
+def test_a_wrong_stated_mass_is_a_parameter():
+    answer = explain_driven(
+        made(5, sensor={'moving_mass': {'value': 0.9 * MASS, 'std': 0.005 * MASS}})
+    )
+    assert answer.accepted == ('wrong_parameter',)
+    ratio = answer.ranking[0].parameters['ratio']
+    assert ratio.value == pytest.approx(1 / 0.9, rel=0.01)
+    assert answer.model['sensor']['moving_mass']['value'] == pytest.approx(MASS, rel=0.01)
+
+
+def test_several_numbers_are_worth_one():
+    """As unlikely by chance; nothing changes for one."""
+    assert equivalent_gain(20.0, 1) == 20.0
+    assert equivalent_gain(20.0, 4) < 20.0
+    assert UnmodelledLaw('', 20.0, 4).p_value > UnmodelledLaw('', 20.0, 1).p_value
+    far = [equivalent_gain(g, 5) for g in (1000.0, 1290.0, 1310.0, 5000.0)]
+    assert far == sorted(far)
+
+
+@pytest.mark.parametrize(
+    'law',
+    [
+        lambda _x, v: 6.0 * max(v, 0.0) ** 2,
+        lambda _x, v: -6.0 * min(v, 0.0) ** 2,
+        lambda x, v: -300.0 * min(x, 0.0) * np.sign(v),
+    ],
+    ids=['inwards', 'outwards', 'friction to one side'],
+)
+def test_what_acts_one_way_is_neither_a_coupling_nor_a_yielding_base(law):
+    assert explain_driven(made(10, law)).accepted == ('unknown',)

@@ -1,0 +1,289 @@
+"""Prescribed motions whose residual is noise: courses, effects, and laws beyond the library."""
+
+import numpy as np
+import pytest
+from scipy import fft, signal
+from scipy.interpolate import CubicSpline
+
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign_description import parse_campaign
+from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.data.trajectory import Trajectory, _end, trajectory_of
+from impactscope.discrepancy.driven.systems.prescribed_noise_limited import (
+    PrescribedMotionNoise,
+    _turns,
+)
+
+RATE, SAMPLES = 1000.0, 2500
+STIFFNESS, DAMPING, REACH = 2e4, 400.0, 0.01
+NOISE = 0.2  # N, a thousandth of the largest force
+
+
+def motions():
+    """Two fitted motions and one that is held out, with their speeds."""
+    time = np.arange(SAMPLES) / RATE
+    for size, first, second in ((1.0, 1.3, 7.0), (0.6, 2.2, 11.0), (0.8, 0.9, 5.0)):
+        a, b = 2 * np.pi * first, 2 * np.pi * second
+        x = size * REACH * (0.7 * np.sin(a * time) + 0.3 * np.sin(b * time + 0.5))
+        v = size * REACH * (0.7 * a * np.cos(a * time) + 0.3 * b * np.cos(b * time + 0.5))
+        yield time, x, v
+
+
+def campaign(seed, more=lambda i, t, x, v: 0.0, known=()):
+    rng = np.random.default_rng(seed)
+    entries, channels = [], {}
+    for i, (time, x, v) in enumerate(motions()):
+        force = STIFFNESS * x + DAMPING * v + more(i, time, x, v)
+        force = force + NOISE * rng.standard_normal(SAMPLES)
+        moved = x + 0.05 * NOISE / STIFFNESS * rng.standard_normal(SAMPLES)
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
+        channels[file] = {
+            'displacement.piston': ChannelSamples('displacement.piston', 'm', RATE, 0.0, moved),
+            'force.damper': ChannelSamples('force.damper', 'N', RATE, 0.0, force),
+        }
+    bench = {
+        'kind': 'prescribed_motion',
+        'motion': 'displacement.piston',
+        'output': 'force.damper',
+    }
+    data = {
+        'version': 1,
+        'bench': bench,
+        'baseline': ['linear_spring_damper', *known],
+        'recordings': entries,
+    }
+    return parse_campaign(data).with_samples(channels.__getitem__)
+
+
+def test_course_is_right_in_the_band_of_the_motion():
+    time = np.arange(3000) / RATE
+    turn = 2 * np.pi * 16.0
+    x = np.sin(turn * time + 0.3)
+    rng = np.random.default_rng(1)
+    course = trajectory_of(x + 1e-7 * rng.standard_normal(time.size), 1.0 / RATE, 0)
+    expected = np.stack([x, turn * np.cos(turn * time + 0.3), -(turn**2) * x])
+    for order, most in enumerate((1e-6, 1e-5, 1e-3)):
+        error = np.abs(course.motion[order] - expected[order])[20:-20]
+        assert np.max(error) < most * turn**order
+    assert course.noise == pytest.approx(1e-7, rel=0.1)
+    assert 16.0 < course.band < 200.0
+
+
+def test_course_of_a_measured_speed():
+    time = np.arange(3000) / RATE
+    turn = 2 * np.pi * 3.0
+    rng = np.random.default_rng(2)
+    speed = turn * np.cos(turn * time) + 1e-6 * rng.standard_normal(time.size)
+    course = trajectory_of(speed, 1.0 / RATE, 1)
+    assert np.allclose(course.motion[0], np.sin(turn * time), atol=1e-5)
+
+
+def test_noise_of_the_motion_is_whitened():
+    rng = np.random.default_rng(3)
+    noise = PrescribedMotionNoise(
+        1.0, 1e-3, 100.0, (1000.0, 10.0, 0.1), 1e-3, np.zeros((3, 20000))
+    )
+    white = rng.standard_normal(20000)
+    lines = np.arange(20000) / (2.0 * 20000 * 1e-3)
+    coloured = fft.idct(fft.dct(white) / np.sqrt(1.0 - noise.share(lines)))
+    assert np.allclose(noise(coloured), white, atol=1e-9)
+
+
+def test_nothing_is_found_and_noise_is_left():
+    answer = explain_driven(campaign(11))
+    assert answer.accepted == ()
+    assert answer.fit.extended.held_out_rmse['force.damper'] == pytest.approx(NOISE, rel=0.05)
+
+
+def test_weak_hardening():
+    cubic = 1e6
+    answer = explain_driven(campaign(12, lambda i, t, x, v: cubic * x**3))
+    assert answer.accepted == ('hardening_spring',)
+    found = answer.ranking[0].parameters['cubic']
+    assert abs(found.value - cubic) < 4.0 * found.std
+    assert found.std < 0.2 * cubic
+    assert answer.ranking[0].probability < 1.0
+
+
+def test_friction_turns_with_the_speed():
+    answer = explain_driven(campaign(13, lambda i, t, x, v: 0.1 * np.sign(v)))
+    assert answer.accepted == ('coulomb_friction',)
+    found = answer.ranking[0].parameters['force']
+    assert abs(found.value - 0.1) < 4.0 * found.std
+
+
+def test_friction_beside_a_wrong_zero_may_differ_by_direction():
+    answer = explain_driven(campaign(14, lambda i, t, x, v: 0.3 * np.sign(v) + 1.0))
+    assert set(answer.accepted) == {'coulomb_friction', 'offset'}
+    for finding in answer.ranking[:2]:
+        assert 'asymmetric_friction' in finding.confused_with
+
+
+def test_a_peak_at_rest_is_found_where_the_baseline_has_plain_friction():
+    def friction(i, t, x, v):
+        return np.sign(v) * (1.0 + 0.3 * np.exp(-((v / 0.02) ** 2)))
+
+    answer = explain_driven(campaign(15, friction, known=['coulomb_friction']))
+    assert answer.accepted == ('stribeck_friction',)
+    found = answer.ranking[0].parameters
+    assert found['kinetic_force'].value == pytest.approx(1.0, abs=4 * found['kinetic_force'].std)
+    assert found['static_force'].value == pytest.approx(1.3, abs=4 * found['static_force'].std)
+
+
+def test_plain_friction_of_the_baseline_needs_no_peak():
+    made = campaign(16, lambda i, t, x, v: np.sign(v), known=['coulomb_friction'])
+    assert explain_driven(made).accepted == ()
+
+
+@pytest.mark.parametrize(
+    'law',
+    [
+        lambda i, t, x, v: 5.0 * np.maximum(v, 0.0) ** 2,
+        lambda i, t, x, v: 30.0 * x * np.sin(2 * np.pi * 13.0 * t),
+        lambda i, t, x, v: 40.0 * np.abs(x) * np.sign(v),
+        lambda i, t, x, v: (20.0, -25.0, 10.0)[i] * x,
+    ],
+    ids=['one way', 'swings', 'grows', 'differs'],
+)
+def test_laws_beyond_the_library_are_unknown(law):
+    assert explain_driven(campaign(14, law)).accepted == ('unknown',)
+
+
+def test_hum_has_a_phase_of_its_own_in_each_recording():
+    def hum(i, t, x, v):
+        return 0.08 * np.sin(2 * np.pi * 50.01 * t + 2.1 * i)
+
+    answer = explain_driven(campaign(15, hum))
+    assert answer.accepted == ('mains_hum',)
+    found = answer.ranking[0].parameters['amplitude']
+    assert abs(found.value - 0.08) < 4.0 * found.std
+
+
+def test_a_motion_as_broad_as_its_spectrum_leaves_no_noise_to_read():
+    samples = np.random.default_rng(6).standard_normal(400)
+    course = trajectory_of(samples, 1.0 / RATE, 0)
+    assert course.colour is None
+    assert np.all(np.isfinite(course.motion))
+
+
+@pytest.mark.parametrize(('period', 'spacing'), [(2e-4, 2e-4 * 915 / 48), (1e-3, 1e-3 * 962 / 37)])
+def test_samples_that_end_at_a_knot_but_for_rounding(period, spacing):
+    assert np.all(np.isfinite(_end(spacing, period, 0)))
+
+
+@pytest.mark.parametrize('order', [1, 2])
+def test_a_filter_without_delay_is_sought_in_its_own_order(order):
+    def smoothed(i, t, x, v):
+        force = STIFFNESS * x + DAMPING * v
+        sections = signal.butter(order, 60.0, fs=RATE, output='sos')
+        return signal.sosfiltfilt(sections, force) - force
+
+    answer = explain_driven(campaign(16, smoothed))
+    assert answer.accepted == ('low_pass_filter',)
+    found = answer.ranking[0].parameters
+    assert (found['order'].value, found['zero_phase'].value) == (order, 1.0)
+    assert found['cutoff'].value == pytest.approx(60.0, rel=0.05)
+
+
+def relaxing(stiffness, time):
+    """Force of a spring and dashpot in series, at rest before a recording; by small steps."""
+
+    def force(i, t, x, v):
+        fine = 50
+        inner = np.arange(fine * (t.size - 1) + 1) / (fine * RATE)
+        speed = CubicSpline(t, v)(inner)
+        keep = np.exp(-1.0 / (fine * RATE * time))
+        middle = 0.5 * (speed[1:] + speed[:-1])
+        fed = np.concatenate([[0.0], stiffness * time * (1.0 - keep) * middle])
+        return signal.lfilter([1.0], [1.0, -keep], fed)[::fine]
+
+    return force
+
+
+@pytest.mark.parametrize('time', [0.01, 0.03, 0.3])
+def test_a_device_that_relaxes(time):
+    stiffness = 0.02 * STIFFNESS
+    answer = explain_driven(campaign(31, relaxing(stiffness, time)))
+    assert answer.accepted == ('rate_dependent_damper',)
+    assert not answer.unexplained
+    found = answer.ranking[0].parameters
+    assert set(found) == {'stiffness', 'damping'}
+    assert found['damping'].unit == 'N s/m'
+    for name, true in (('stiffness', stiffness), ('damping', stiffness * time)):
+        assert abs(found[name].value - true) < 4.0 * found[name].std
+    ratio = answer.fit.extended.held_out_rmse['force.damper'] / NOISE
+    assert ratio < 1.05
+
+
+def test_a_pull_that_starts_within_its_first_samples():
+    """A piece of three samples tells no course: it must not go anywhere between them."""
+    rate, speed, count = 50.0, 4e-3, 2000
+    begin = np.array([0.0, 0.9, 19.3, 75.0, 149.2, 228.0, 309.4, 392.2, 474.8, 556.3]) * 1e-6
+    there = np.concatenate([begin, begin[-1] + speed / rate * np.arange(1, count // 2)])
+    x = np.concatenate([there, there[-1] - speed / rate * np.arange(1, count // 2)])
+    x = x + 1.5e-8 * np.random.default_rng(5).standard_normal(x.size)
+    course = trajectory_of(x, 1.0 / rate, 0)
+    assert np.max(np.abs(course.motion[0] - x)) < speed / rate
+    assert np.max(np.abs(course.motion[1])) < 2.0 * speed
+
+
+def joint(seed, friction=lambda v: 0.0):
+    """A joint's torque on motions that begin and end anywhere; it has no spring."""
+    rng = np.random.default_rng(seed)
+    entries, channels = [], {}
+    time = np.arange(3000) / 500.0
+    for i in range(4):
+        turns = 2 * np.pi * rng.uniform(0.15, 1.4, 6)
+        phases, sizes = rng.uniform(0, 2 * np.pi, 6), rng.uniform(0.1, 0.4, 6)
+        waves = turns[:, None] * time + phases[:, None]
+        angle = sizes @ np.sin(waves)
+        speed, acceleration = (sizes * turns) @ np.cos(waves), -(sizes * turns**2) @ np.sin(waves)
+        torque = 0.42 * acceleration + 1.9 * speed + friction(speed)
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
+        noisy = torque + 0.045 * rng.standard_normal(time.size)
+        angle = angle + 2e-7 * rng.standard_normal(time.size)
+        channels[file] = {
+            'angle.joint': ChannelSamples('angle.joint', 'rad', 500.0, 0.0, angle),
+            'torque.joint': ChannelSamples('torque.joint', 'N m', 500.0, 0.0, noisy),
+        }
+    data = {
+        'version': 1,
+        'bench': {'kind': 'prescribed_motion', 'motion': 'angle.joint', 'output': 'torque.joint'},
+        'model': {'restoring': 'none'},
+        'baseline': ['linear_mass_damper'],
+        'recordings': entries,
+    }
+    return explain_driven(parse_campaign(data).with_samples(channels.__getitem__))
+
+
+def test_nothing_is_missing_where_a_joint_has_no_spring():
+    answer = joint(21)
+    assert answer.accepted == ()
+    assert answer.fit.baseline.held_out_rmse['torque.joint'] < 0.05
+    numbers = answer.baseline_parameters
+    assert set(numbers) == {'damping', 'mass'}
+    assert numbers['mass'].value == pytest.approx(0.42, abs=3 * numbers['mass'].std)
+
+
+def test_friction_of_a_joint_without_spring_that_falls_with_the_speed():
+    def friction(v):
+        return np.sign(v) * (1.1 + 0.1 * np.exp(-((v / 0.05) ** 2)))
+
+    answer = joint(22, friction)
+    assert answer.accepted == ('stribeck_friction',)
+    found = answer.ranking[0].parameters
+    for name, true in (('kinetic_force', 1.1), ('static_force', 1.2)):
+        assert abs(found[name].value - true) < 3 * found[name].std
+
+
+def test_friction_is_not_asked_for_where_a_motion_rests():
+    speed = np.concatenate([np.zeros(400), np.sin(np.linspace(0.0, 20.0, 1600)), np.zeros(400)])
+    rng = np.random.default_rng(23)
+    speed += 1e-4 * rng.standard_normal(speed.size)
+    acceleration = np.gradient(speed, 1e-3)
+    course = Trajectory(np.stack([speed, speed, acceleration]), 1e-4, 500.0, np.zeros((3, 2400)))
+    rests = _turns(course, 1e-3, 1)
+    assert np.mean(rests[:400]) > 0.9
+    assert np.mean(rests[400:2000]) < 0.02

@@ -1,0 +1,68 @@
+"""Laws beyond the vocabulary, and lines in the spectrum of what is left."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.driven.adequacy.unmodelled_laws import (
+    LOOKS,
+    UnmodelledLaw,
+    _of_many,
+    unmodelled_laws,
+)
+from impactscope.discrepancy.driven.fits.simulation_error import Fit
+from impactscope.discrepancy.driven.models.model import Segment
+from impactscope.discrepancy.driven.noise.spectral_whitening import stepped, whitening
+
+SAMPLES, PERIOD, STEP = 4000, 1e-3, 1e-3
+
+
+def left(size):
+    """What two recordings of a coarse encoder leave that hunts at 31 Hz at rest."""
+    rng = np.random.default_rng(2)
+    time = PERIOD * np.arange(SAMPLES)
+    hunting = [size * np.sin(2.0 * np.pi * 31.0 * time + phase) for phase in (0.3, 2.0)]
+    return [x + 0.3 * STEP * rng.standard_normal(SAMPLES) for x in hunting]
+
+
+def lines(residuals, filters):
+    segments = [
+        Segment(f'r{i}', 'x', 'm', False, 0.0, PERIOD, r, np.zeros(0), whitener=f)
+        for i, (r, f) in enumerate(zip(residuals, filters, strict=True))
+    ]
+    none = np.zeros(0)
+    made = Fit((), {}, {}, (none, none), tuple(residuals), 0)
+    model = SimpleNamespace(numbers=(), terms=(), starts=lambda _: (), drifts=True)
+    return unmodelled_laws(lambda *_: iter(()), model, made, segments)
+
+
+def test_a_line_in_the_spectrum_is_told():
+    white = whitening(np.full(1025, (0.3 * STEP) ** 2))
+    strongest = lines(left(0.2 * STEP), [white, white])[0]
+    assert strongest.law.startswith('a line at 31')
+    assert strongest.p_value < 1e-6
+
+
+@pytest.mark.parametrize('coarse', [0, 1])
+def test_no_line_is_sought_where_an_encoder_steps(coarse):
+    """At rest it goes to and fro between two readings: a line of its own rounding."""
+    residuals = left(0.2 * STEP)
+    white = whitening(np.full(1025, (0.3 * STEP) ** 2))
+    steps = stepped(STEP * np.rint(residuals[coarse] / STEP), 0.4 * STEP, STEP)
+    assert steps is not None
+    assert lines(residuals, [steps, white] if coarse == 0 else [white, steps]) == []
+
+
+def test_few_samples_do_not_make_a_law():
+    residual = np.zeros(1000)
+    residual[500] = 8.0  # a sample in which friction turned round
+    assert _of_many(residual, residual) == pytest.approx(4.0)
+    residual[:] = 0.3
+    assert _of_many(residual, residual) == pytest.approx(90.0)
+
+
+def test_a_law_that_was_sought_among_more_pays_for_them():
+    few, many = (UnmodelledLaw('swings', 30.0, 2, looks=k) for k in (LOOKS, 10 * LOOKS))
+    assert many.p_value == pytest.approx(10.0 * few.p_value, rel=0.01)
+    assert many.worth == pytest.approx(few.worth - 2.0 * np.log(10.0))
