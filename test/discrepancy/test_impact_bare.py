@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from impactscope.discrepancy.evidence import Thresholds
-from impactscope.discrepancy.impact import search as module
+from impactscope.discrepancy.impact.search import forward_backward as module
 
 
 def outcome_with(doubted, *, free=True):

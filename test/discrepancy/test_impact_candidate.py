@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact.candidate import Candidate, stronger
+from impactscope.discrepancy.impact.candidates.candidate import Candidate, stronger
 from impactscope.physics.twin.assembly import Effect
 
 

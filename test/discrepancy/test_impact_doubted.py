@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from impactscope.discrepancy.impact import search as impact_search
-from impactscope.discrepancy.impact.outcome import Found, Outcome
-from impactscope.discrepancy.impact.search import Search
+from impactscope.discrepancy.impact.search import forward_backward as impact_search
+from impactscope.discrepancy.impact.search.forward_backward import Search
+from impactscope.discrepancy.impact.search.outcome import Found, Outcome
 
 
 @pytest.fixture

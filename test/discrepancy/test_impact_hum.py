@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from impactscope.discrepancy.impact.candidate import Candidate
-from impactscope.discrepancy.impact.estimates import estimates
-from impactscope.discrepancy.impact.joint_fits import _everywhere
-from impactscope.discrepancy.impact.model import ActiveEffect, Free
-from impactscope.discrepancy.impact.outcome import Outcome, weigh
-from impactscope.discrepancy.impact.search import _without_strayed_line
+from impactscope.discrepancy.impact.candidates.candidate import Candidate
+from impactscope.discrepancy.impact.findings.estimates import estimates
+from impactscope.discrepancy.impact.models.bench_model import ActiveEffect, Free
+from impactscope.discrepancy.impact.search.forward_backward import _without_strayed_line
+from impactscope.discrepancy.impact.search.joint_fits import _everywhere
+from impactscope.discrepancy.impact.search.outcome import Outcome, weigh
 
 TIMES = np.linspace(-0.2, 0.8, 1000)
 HUM = 3 * np.sin(2 * np.pi * 50 * TIMES)

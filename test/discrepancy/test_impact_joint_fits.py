@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from impactscope.discrepancy.impact.baseline import baseline_model
-from impactscope.discrepancy.impact.candidates import candidates
-from impactscope.discrepancy.impact.data import prepare
-from impactscope.discrepancy.impact.fit import fit
-from impactscope.discrepancy.impact.follow import fit_baseline
-from impactscope.discrepancy.impact.joint_fits import JointFits
-from impactscope.discrepancy.impact.outcome import weigh
+from impactscope.discrepancy.impact.candidates.catalogue import candidates
+from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
+from impactscope.discrepancy.impact.fits.least_squares import fit
+from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.search.joint_fits import JointFits
+from impactscope.discrepancy.impact.search.outcome import weigh
 from impactscope.physics.twin.assembly import Effect
 
 

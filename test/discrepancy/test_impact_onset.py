@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from impactscope.discrepancy.campaign import ChannelSamples
-from impactscope.discrepancy.impact.data import _first_sight
+from impactscope.discrepancy.impact.data.blows import _first_sight
 
 RATE, CONTACT = 4000.0, 0.4
 TIME = np.arange(round(RATE)) / RATE

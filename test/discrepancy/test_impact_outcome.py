@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from impactscope.discrepancy.impact.baseline import baseline_model
-from impactscope.discrepancy.impact.candidates import candidates
-from impactscope.discrepancy.impact.data import prepare
-from impactscope.discrepancy.impact.fit import at_point, fit
-from impactscope.discrepancy.impact.follow import fit_baseline
-from impactscope.discrepancy.impact.outcome import evidence_for, settled_without
+from impactscope.discrepancy.impact.candidates.catalogue import candidates
+from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
+from impactscope.discrepancy.impact.fits.least_squares import at_point, fit
+from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.search.outcome import evidence_for, settled_without
 
 SIZE = 5000
 

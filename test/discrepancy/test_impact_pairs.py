@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact.candidate import Candidate
-from impactscope.discrepancy.impact.chain_candidates import delays_like
-from impactscope.discrepancy.impact.pairs import _promising
-from impactscope.discrepancy.impact.workbench import Trial
+from impactscope.discrepancy.impact.candidates.candidate import Candidate
+from impactscope.discrepancy.impact.candidates.channel_effects import delays_like
+from impactscope.discrepancy.impact.search.pairs import _promising
+from impactscope.discrepancy.impact.search.screening import Trial
 from impactscope.physics.twin.assembly import Effect
 
 

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from impactscope.discrepancy.impact import pruning
-from impactscope.discrepancy.impact.candidate import Candidate
-from impactscope.discrepancy.impact.model import Free
+from impactscope.discrepancy.impact.candidates.candidate import Candidate
+from impactscope.discrepancy.impact.models.bench_model import Free
+from impactscope.discrepancy.impact.search import pruning
 
 LOAD = 'gravity_load.added_weight'
 

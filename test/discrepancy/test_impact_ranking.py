@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from impactscope.discrepancy.answer import Finding
-from impactscope.discrepancy.impact.ranking import _or_another
+from impactscope.discrepancy.impact.findings.ranking import _or_another
 
 
 def rival(name, parameter, value, recording=''):

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact.baseline import baseline_model
-from impactscope.discrepancy.impact.candidate import contains
-from impactscope.discrepancy.impact.candidates import candidates
-from impactscope.discrepancy.impact.data import prepare
-from impactscope.discrepancy.impact.fit import fit
-from impactscope.discrepancy.impact.follow import fit_baseline
-from impactscope.discrepancy.impact.fuller_forms import law_that_contains
-from impactscope.discrepancy.impact.outcome import Found, Outcome
-from impactscope.discrepancy.impact.strong import with_its_numbers
+from impactscope.discrepancy.impact.candidates.candidate import contains
+from impactscope.discrepancy.impact.candidates.catalogue import candidates
+from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
+from impactscope.discrepancy.impact.fits.least_squares import fit
+from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.search.fuller_forms import law_that_contains
+from impactscope.discrepancy.impact.search.outcome import Found, Outcome
+from impactscope.discrepancy.impact.search.strong_effects import with_its_numbers
 from impactscope.physics.twin.assembly import Effect
 
 

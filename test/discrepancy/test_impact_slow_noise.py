@@ -10,14 +10,12 @@ import pytest
 from scipy import signal
 
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact.baseline import baseline_model
-from impactscope.discrepancy.impact.candidates import candidates
-from impactscope.discrepancy.impact.data import prepare
+from impactscope.discrepancy.impact.candidates.catalogue import candidates
+from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.explain import _certain, _without_slow
-from impactscope.discrepancy.impact.fit import fit
-from impactscope.discrepancy.impact.follow import fit_baseline
-from impactscope.discrepancy.impact.noise import Colour
-from impactscope.discrepancy.impact.slow_noise import (
+from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
+from impactscope.discrepancy.impact.fits.least_squares import fit
+from impactscope.discrepancy.impact.fits.slow_noise import (
     _LEVELS,
     _levelled,
     _likelihood,
@@ -27,6 +25,8 @@ from impactscope.discrepancy.impact.slow_noise import (
     likelier,
     noise_left,
 )
+from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.noise.coloured_noise import Colour
 from impactscope.physics.twin.assembly import Effect
 
 WHITE = {'force': 0.4, 'acceleration.impactor': 0.08}

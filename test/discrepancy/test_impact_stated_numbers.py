@@ -10,13 +10,13 @@ import pytest
 from impactscope.discrepancy.campaign import Quantity
 from impactscope.discrepancy.evidence import Thresholds
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact.baseline import baseline_model
-from impactscope.discrepancy.impact.candidates import candidates
-from impactscope.discrepancy.impact.data import prepare
-from impactscope.discrepancy.impact.fit import fit
-from impactscope.discrepancy.impact.follow import fit_baseline
-from impactscope.discrepancy.impact.joint_fits import JointFits
-from impactscope.discrepancy.impact.wrong_numbers import wrong_numbers
+from impactscope.discrepancy.impact.candidates.catalogue import candidates
+from impactscope.discrepancy.impact.candidates.stated_numbers import wrong_numbers
+from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
+from impactscope.discrepancy.impact.fits.least_squares import fit
+from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.search.joint_fits import JointFits
 from impactscope.physics.pendulum import Pendulum
 
 

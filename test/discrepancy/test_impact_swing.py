@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from impactscope.discrepancy.campaign import ChannelSamples
-from impactscope.discrepancy.impact.bins import binned
-from impactscope.discrepancy.impact.data import RETURN, _stays_away
+from impactscope.discrepancy.impact.data.binning import binned
+from impactscope.discrepancy.impact.data.blows import RETURN, _stays_away
 
 RATE, ONSET, LENGTH = 2000.0, 0.2, 1.6
 NOISE = {'acceleration.impactor': 0.1, 'force': 0.2}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact.baseline import MOST_OF_TAP
-from impactscope.discrepancy.impact.data import prepare
-from impactscope.discrepancy.impact.model import Free
+from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.models.baseline import MOST_OF_TAP
+from impactscope.discrepancy.impact.models.bench_model import Free
 from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import HammerTap, MeasuredForce
 

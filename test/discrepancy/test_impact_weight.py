@@ -9,9 +9,9 @@ import pytest
 
 from impactscope.discrepancy.campaign import BaselineItem
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact.baseline import baseline_model
-from impactscope.discrepancy.impact.data import prepare
-from impactscope.discrepancy.impact.wrong_numbers import wrong_numbers
+from impactscope.discrepancy.impact.candidates.stated_numbers import wrong_numbers
+from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.physics.twin import layout as at
 
 

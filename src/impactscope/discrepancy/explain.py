@@ -15,7 +15,7 @@ from impactscope.discrepancy.campaign import BaselineItem, Campaign, CampaignKin
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.systems.linear_baseline import LINEAR
 from impactscope.discrepancy.impact import explain_impact
-from impactscope.discrepancy.impact.baseline import STRUCTURE
+from impactscope.discrepancy.impact.models.baseline import STRUCTURE
 from impactscope.discrepancy.patience import patient
 from impactscope.discrepancy.single_thread import single_threaded
 from impactscope.errors import ConfigurationError

@@ -1,4 +1,4 @@
-"""From the search on an impact campaign to an answer that a person can read."""
+"""The answer to a campaign of blows: baseline, search, findings, and what is still unknown."""
 
 from __future__ import annotations
 
@@ -20,32 +20,37 @@ from impactscope.discrepancy.answer import (
 )
 from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.evidence import Thresholds
-from impactscope.discrepancy.impact.adequacy import TESTED, Adequacy, adequacy, law_instead
-from impactscope.discrepancy.impact.another_cut import with_later_cuts
-from impactscope.discrepancy.impact.baseline import baseline_model, with_metal_that_lets_go
-from impactscope.discrepancy.impact.bent_numbers import bent_numbers_told
-from impactscope.discrepancy.impact.conventions import (
-    conventions_told,
-    other_conventions,
-    with_conventions_of,
-    with_likelier,
+from impactscope.discrepancy.impact.adequacy.residual_tests import (
+    TESTED,
+    Adequacy,
+    adequacy,
+    law_instead,
 )
-from impactscope.discrepancy.impact.data import CampaignData, prepare
-from impactscope.discrepancy.impact.estimates import fitted_numbers, saved_model
-from impactscope.discrepancy.impact.figures import fit_table, pictures
-from impactscope.discrepancy.impact.fit import Fit
-from impactscope.discrepancy.impact.follow import (
+from impactscope.discrepancy.impact.data.blows import CampaignData, prepare
+from impactscope.discrepancy.impact.findings.estimates import fitted_numbers, saved_model
+from impactscope.discrepancy.impact.findings.figures import fit_table, pictures
+from impactscope.discrepancy.impact.findings.ranking import ranked, share_of_known, weaker
+from impactscope.discrepancy.impact.findings.shifted_parameters import shifted_parameters_told
+from impactscope.discrepancy.impact.fits.growing_windows import (
     fit_baseline,
     further,
     held_out_fit,
     prediction_misfit,
 )
-from impactscope.discrepancy.impact.model import ImpactModel
-from impactscope.discrepancy.impact.noise import Colour
-from impactscope.discrepancy.impact.outcome import Outcome, with_findings
-from impactscope.discrepancy.impact.ranking import ranked, share_of_known, weaker
-from impactscope.discrepancy.impact.search import Search
-from impactscope.discrepancy.impact.slow_noise import likelier, noise_left
+from impactscope.discrepancy.impact.fits.least_squares import Fit
+from impactscope.discrepancy.impact.fits.slow_noise import likelier, noise_left
+from impactscope.discrepancy.impact.fits.tap_end import with_later_cuts
+from impactscope.discrepancy.impact.models.baseline import baseline_model, with_metal_that_lets_go
+from impactscope.discrepancy.impact.models.bench_model import ImpactModel
+from impactscope.discrepancy.impact.noise.coloured_noise import Colour
+from impactscope.discrepancy.impact.search.baseline_conventions import (
+    conventions_told,
+    other_conventions,
+    with_conventions_of,
+    with_likelier,
+)
+from impactscope.discrepancy.impact.search.forward_backward import Search
+from impactscope.discrepancy.impact.search.outcome import Outcome, with_findings
 from impactscope.discrepancy.locate import locate
 from impactscope.discrepancy.patience import lasts
 from impactscope.discrepancy.side_by_side import side_by_side
@@ -250,7 +255,7 @@ def _answer(
             *data.notes,
             *conventions_told(outcome.final.model),
             *outcome.notes,
-            *(bent_numbers_told(outcome.baseline, outcome.final) if accepted else ()),
+            *(shifted_parameters_told(outcome.baseline, outcome.final) if accepted else ()),
             *_amplified(outcome),
         ),
         traces=traces,

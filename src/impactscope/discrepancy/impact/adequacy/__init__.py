@@ -1,0 +1,1 @@
+"""Whether a fit leaves only noise: tests against laws along the motion."""

@@ -1,0 +1,1 @@
+"""What may be missing or wrong: mechanisms, effects of channels, stated numbers."""

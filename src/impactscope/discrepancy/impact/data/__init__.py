@@ -1,0 +1,1 @@
+"""Recordings of blows made ready for a fit: onset, noise, bins."""

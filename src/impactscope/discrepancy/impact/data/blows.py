@@ -1,0 +1,505 @@
+"""Recordings of blows made ready for a fit: onset, noise, and which samples count.
+
+Nobody knows the force of a tap, in size or in shape. So a tap is judged by what the bench does of
+its own once the hammer has gone: samples during the tap do not count, and the simulated tap only
+stands for the state in which the real one left the bench.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import integrate, ndimage
+
+from impactscope.discrepancy.campaign import Campaign, CampaignRecording, ChannelSamples, Role
+from impactscope.discrepancy.evidence import noise_std
+from impactscope.discrepancy.impact.data.binning import BinnedChannel, binned, coarse_step, merged
+from impactscope.discrepancy.impact.noise.coloured_noise import Colour, colour_of
+from impactscope.errors import InputError
+from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation
+
+__all__ = ['CHANNELS', 'BlowData', 'CampaignData', 'prepare']
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+CHANNELS = ('force', 'acceleration.plate', 'acceleration.impactor', 'acceleration.base')
+
+LEAD = 2.0  # s before the onset that are used at most
+LENGTH = 4.0  # s after the onset that are used at most
+RETURN = 0.35  # s after which a pendulum on the horizontal bench may be back
+CAUGHT = 0.09  # s after which a pendulum on the horizontal bench may have been caught
+TAP_LEAD = 5e-3  # s before the onset of a tap that may show its beginning
+_SHORTEST_TAP = 4e-3  # s, counted out at least
+_SOFT_END = 1e-3  # s, of a tap that its threshold hides
+_SOFT_END_SAMPLES = 3.0
+_PRESUMED_TAP = 0.015  # s, counted out where the end cannot be seen
+_DOUBTFUL_TAP = 0.015  # s, from which a tap's length is looked at again
+_ONE_SWING = 0.025  # s
+_TOLD_BY = 24  # samples
+_OF_NOISE = 5.0
+_LATER = 0.02  # s, by which a force may show a contact later than the impactor
+_LEAST_BEFORE = 16  # samples of the impactor before that
+_TOLD = 4  # notes in an error
+_LET_GO = ('pendulum', 'drop')  # kinds of blows
+_RELEASED = 1.25  # times the earth's acceleration, which a release shows
+_TELLING = 64  # samples before the onset that tell how large the noise is
+_STRETCHES = 16  # of a recording, the quietest of which tells it where there are no such samples
+_LARGER = 1.3  # times what differences tell
+_SMOOTH = 5  # order of the course that a swing takes within a recording
+_JOLT = 6.0  # of the noise
+_A_WHILE = 0.05  # s
+_LONGEST_TAP = 0.035  # s after its onset in which the end of a tap is looked for
+
+
+_WITHOUT = {
+    'force': 'stiffness and mass of the sensor are known in their ratio alone',
+    'acceleration.plate': 'taps are counted out by a presumed length, and friction at small '
+    'motions is hardly seen',
+    'acceleration.impactor': 'what happens in the contact and in the impactor is seen only '
+    'through the plate',
+    'acceleration.base': 'a fixture that gives way is seen only through the plate',
+}  # what cannot be told without a channel
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlowData:
+    """One blow: its recording, its onset and its channels.
+
+    ``times``: rising, all moments at which the simulation is needed; ``where[channel]`` says
+    which of them are the channel's nodes, shape (n_nodes,). ``settled``: moment from which the
+    bench moves of its own after a tap; the onset for any other blow.
+    """
+
+    recording: CampaignRecording
+    onset: float  # s, first sight of the blow
+    channels: Mapping[str, BinnedChannel]
+    times: Array
+    where: Mapping[str, IntArray]
+    settled: float  # s
+
+    @property
+    def name(self) -> str:
+        """The recording's file name."""
+        return self.recording.file
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CampaignData:
+    """All blows that can be used; those to fit come first."""
+
+    blows: tuple[BlowData, ...]
+    notes: tuple[str, ...] = ()
+    noise: Mapping[str, float] = field(default_factory=dict)  # of a sample, by channel
+    noise_floor: Mapping[str, float] = field(default_factory=dict)  # as far as it can be seen
+
+    @property
+    def fitted(self) -> tuple[int, ...]:
+        """Indices of the blows that are fitted."""
+        return tuple(i for i, b in enumerate(self.blows) if b.recording.role is Role.FIT)
+
+    @property
+    def held_out(self) -> tuple[int, ...]:
+        """Indices of the blows that are predicted only."""
+        return tuple(i for i, b in enumerate(self.blows) if b.recording.role is Role.HOLD_OUT)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that at least one blow has."""
+        return tuple(c for c in CHANNELS if any(c in b.channels for b in self.blows))
+
+
+def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> CampaignData:
+    """Onset, noise and bins of every recording of an impact campaign.
+
+    ``slower``: noise of channels that is known to be slower than the quiet before the blows shows.
+
+    Raises InputError where no recording holds a blow that can be used.
+    """
+    notes: list[str] = []
+    onsets: list[tuple[CampaignRecording, float]] = []
+    for recording in campaign.recordings:
+        known = [c for c in CHANNELS if c in recording.channels]
+        others = sorted(set(recording.channels) - set(CHANNELS))
+        if others:
+            notes.append(f'{recording.file}: channel {", ".join(others)} is not used.')
+        if not known:
+            notes.append(f'{recording.file}: none of its channels can be used; it is left out.')
+            continue
+        onset = _first_sight(recording.channels, let_go=recording.kind in _LET_GO)
+        if onset is None:
+            notes.append(
+                f'{recording.file}: no blow can be found, for no channel leaves the level of '
+                'its first 20 ms by more than its noise; does it begin before the blow? '
+                'It is left out.'
+            )
+            continue
+        onsets.append((recording, onset))
+    if not any(recording.role is Role.FIT for recording, _ in onsets):
+        raise InputError(
+            f'{campaign.name}: no recording to fit holds a blow that can be used; '
+            + ' '.join(notes[:_TOLD])
+        )
+    noise = _noise(onsets, campaign.noise_std)
+    colours = _colours(onsets, campaign.noise_std)
+    slower = {n: c for n, c in (slower or {}).items() if n not in campaign.noise_std}
+    if slower:
+        notes.append(
+            f'The noise of {", ".join(slower)} is slower than the quiet before the blows shows: '
+            'it is read from what is left while the bench is at rest.'
+        )
+    only_before = ', '.join(name for name in colours if name not in slower)
+    colours |= slower
+    noise |= {name: colour.std for name, colour in colours.items()}
+    floor = noise | _seen(onsets, {n: c for n, c in colours.items() if n not in slower})
+    if only_before:
+        notes.append(
+            f'The noise of {only_before} is not white before the blows: residuals are '
+            'judged by what each sample tells beyond those before it.'
+        )
+    blows = []
+    for recording, onset in sorted(onsets, key=lambda item: item[0].role is Role.HOLD_OUT):
+        swinging = recording.kind == 'pendulum' and campaign.orientation is Orientation.HORIZONTAL
+        blows.append(_blow(recording, onset, noise, colours, swinging, notes))
+    seen = {name for blow in blows for name in blow.channels}
+    struck = any(blow.recording.kind != 'tap' for blow in blows)
+    for name, lost in _WITHOUT.items():
+        if name not in seen and (struck or name != 'acceleration.impactor'):
+            notes.append(f'No recording has {name}: {lost}.')
+    return CampaignData(tuple(blows), tuple(notes), noise, floor)
+
+
+# --- onset and noise -------------------------------------------------------------------------
+
+
+def _first_sight(channels: Mapping[str, ChannelSamples], *, let_go: bool = False) -> float | None:
+    """Moment at which a blow is first seen, s.
+
+    A base moves by less and later than what stands on it, and where it does not move at all slow
+    noise may look like a blow: it is asked where the others say nothing. An impactor that swings
+    is asked where there is nothing else, and for the contact that a force shows milliseconds late:
+    a heavy plate has to move before its spring is loaded. Where the impactor is ``let_go`` its
+    accelerometer changes by the earth's once, and that is no contact.
+    """
+    least = _RELEASED * STANDARD_GRAVITY if let_go else 0.0
+    for names in (CHANNELS[:2], CHANNELS[3:]):
+        found = _onset([channels[c] for c in names if c in channels])
+        if found is not None:
+            impactor = channels.get('acceleration.impactor')
+            if impactor is None or 'acceleration.plate' in channels:
+                return found
+            return _touched(impactor, found, least)
+    if any(c in channels for c in CHANNELS if c != 'acceleration.impactor'):
+        return None
+    alone = [channels['acceleration.impactor']]
+    found = _onset(alone, least)
+    return _onset(alone) if found is None else found
+
+
+def _touched(channel: ChannelSamples, seen: float, least: float = 0.0) -> float:
+    """Moment at which an impactor meets what the force shows at ``seen``, s; never later.
+
+    ``least``: change of its acceleration, m/s^2, up to which it may only have been let go.
+    """
+    since = channel.time - seen
+    before = (since > -3.0 * _LATER) & (since < -_LATER) & np.isfinite(channel.values)
+    near = (since >= -_LATER) & (since <= 0.0)
+    if np.count_nonzero(before) < _LEAST_BEFORE or not np.any(near):
+        return seen
+    quiet = channel.values[before]
+    level = float(np.median(quiet))
+    size = np.abs(np.nan_to_num(channel.values[near] - level))
+    own = float(np.max(np.abs(quiet - level)))
+    threshold = max(0.05 * float(np.max(size)), 8.0 * noise_std(quiet), 1.5 * own, least)
+    if not np.any(size > threshold):
+        return seen
+    first = int(np.argmax(size > threshold))
+    return min(seen, float(channel.time[near][first]) - 0.5 / channel.sample_rate)
+
+
+def _onset(channels: Sequence[ChannelSamples], least: float = 0.0) -> float | None:
+    """Moment at which the first channel leaves its level before the blow by ``least``, s."""
+    found = [first for channel in channels if (first := _leaves(channel, least)) is not None]
+    return min(found) if found else None
+
+
+def _leaves(channel: ChannelSamples, least: float = 0.0) -> float | None:
+    """Moment at which a channel leaves its level; None where it shows no more than noise.
+
+    ``least``: distance from the level that counts at least.
+    """
+    values = channel.values
+    finite = np.isfinite(values)
+    if np.count_nonzero(finite) < 32:
+        return None
+    lead = max(8, min(values.size // 20, round(0.02 * channel.sample_rate)))
+    level = float(np.nanmedian(values[:lead]))
+    size = np.where(finite, np.abs(values - level), 0.0)
+    peak = float(np.max(size))
+    before = float(np.nanmax(np.abs(values[:lead] - level)))
+    sigma = noise_std(values)
+    while True:
+        threshold = max(0.05 * peak, 8.0 * sigma, 1.5 * before, least)
+        if peak <= threshold or peak < 12.0 * sigma:
+            return None
+        first = int(np.argmax(size > threshold))
+        # noise that is not white is larger than its differences tell
+        own = float(np.median(size[:first])) / 0.6745 if first >= _TELLING else 0.0
+        if first < _TELLING:
+            own = min(float(np.nanstd(part)) for part in np.array_split(values, _STRETCHES))
+        if own <= _LARGER * sigma:
+            return channel.start + (first - 0.5) / channel.sample_rate
+        sigma = own
+
+
+def _noise(
+    onsets: Sequence[tuple[CampaignRecording, float]], stated: Mapping[str, float]
+) -> dict[str, float]:
+    """White noise of a sample by channel: pooled over what lies before the blows."""
+    result = {}
+    for name in CHANNELS:
+        if name in stated:
+            result[name] = stated[name]
+            continue
+        squares, weight = 0.0, 0
+        for recording, onset in onsets:
+            channel = recording.channels.get(name)
+            if channel is None:
+                continue
+            count = int((onset - 2e-3 - channel.start) * channel.sample_rate)
+            quiet = channel.values[:count] if count >= 64 else channel.values[-256:]
+            sigma = max(noise_std(quiet), coarse_step(channel, onset) / math.sqrt(12.0))
+            if math.isfinite(sigma):
+                squares += quiet.size * sigma**2
+                weight += quiet.size
+        if weight:
+            peak = max(
+                float(np.nanmax(np.abs(r.channels[name].values)))
+                for r, _ in onsets
+                if name in r.channels
+            )
+            result[name] = max(math.sqrt(squares / weight), 1e-6 * peak, 1e-12)
+    return result
+
+
+def _colours(
+    onsets: Sequence[tuple[CampaignRecording, float]], stated: Mapping[str, float]
+) -> dict[str, Colour]:
+    """Noise of the channels whose quiet before the blows is not white."""
+    found = {}
+    for name in CHANNELS:
+        quiet = {} if name in stated else _quiet(onsets, name)
+        if len(quiet) == 1:
+            rate, stretches = next(iter(quiet.items()))
+            colour = colour_of(stretches, rate, bent=name == 'acceleration.impactor')
+            if colour is not None:
+                found[name] = colour
+    return found
+
+
+def _seen(
+    onsets: Sequence[tuple[CampaignRecording, float]], colours: Mapping[str, Colour]
+) -> dict[str, float]:
+    """RMS of the noise before the blows, of channels where that is not white.
+
+    Its colour reckons with slower noise, too, than the quiet is long enough to show; but of an
+    impactor a polynomial may leave more of a swing than noise.
+    """
+    found = {}
+    for name, colour in colours.items():
+        squares, freedom = 0.0, 0
+        for stretch in (s for parts in _quiet(onsets, name).values() for s in parts):
+            if stretch.size > 2 and np.isfinite(stretch).all():
+                level = stretch - np.mean(stretch)
+                squares += float(level @ level)
+                freedom += stretch.size - 1
+        if freedom:
+            found[name] = math.sqrt(squares / freedom)
+            if name == 'acceleration.impactor':
+                found[name] = min(found[name], colour.std)
+    return found
+
+
+def _quiet(
+    onsets: Sequence[tuple[CampaignRecording, float]], name: str
+) -> dict[float, list[Array]]:
+    """What a channel shows before the blows, by its sample rate."""
+    quiet: dict[float, list[Array]] = {}
+    for recording, onset in onsets:
+        channel = recording.channels.get(name)
+        if channel is None:
+            continue
+        count = int((onset - 2e-3 - channel.start) * channel.sample_rate)
+        before = channel.values[: max(count, 0)]
+        parts = _about_release(before) if name == 'acceleration.impactor' else [before]
+        quiet.setdefault(channel.sample_rate, []).extend(parts)
+    return quiet
+
+
+def _about_release(before: Array) -> list[Array]:
+    """What an impactor shows before the blow, without its swing, and parted where it is let go."""
+    if before.size < 16 or not np.isfinite(before).all():
+        return []
+    jump = int(np.argmax(np.abs(np.cumsum(before - np.mean(before)))))
+    parts = [before[: max(jump - 2, 0)], before[jump + 3 :]]
+    swing = [np.linspace(-1.0, 1.0, part.size) for part in parts]
+    return [
+        part - np.polyval(np.polyfit(t, part, 5), t)
+        for part, t in zip(parts, swing, strict=True)
+        if part.size >= 64
+    ]
+
+
+# --- blows -------------------------------------------------------------------------------------
+
+
+def _blow(
+    recording: CampaignRecording,
+    onset: float,
+    noise: Mapping[str, float],
+    colours: Mapping[str, Colour],
+    swinging: bool,
+    notes: list[str],
+) -> BlowData:
+    channels = {}
+    alone = swinging and _stays_away(recording.channels, onset, noise)
+    for name in CHANNELS:
+        channel = recording.channels.get(name)
+        if channel is None or name not in noise:
+            continue
+        last = LENGTH
+        if swinging and not alone:  # nobody knows whether it comes back
+            last = CAUGHT if name == 'acceleration.impactor' else RETURN
+        coarse = name in ('force', 'acceleration.base')
+        channels[name] = binned(
+            channel,
+            (onset, LEAD, last),
+            noise[name],
+            colours.get(name),
+            coarse=coarse,
+            ringing=RETURN if alone else math.inf,
+        )
+        if math.isfinite(channels[name].clipped_at):
+            notes.append(
+                f'{recording.file}: {name} is cut off at {channels[name].clipped_at:.4g} '
+                f'{channel.unit}; those samples are not fitted.'
+            )
+    settled = onset
+    if recording.kind == 'tap':
+        settled = onset + _tap_length(channels, onset)
+        channels = {
+            name: dataclasses.replace(
+                c, used=c.used & ((c.centres < onset - TAP_LEAD) | (c.centres > settled))
+            )
+            for name, c in channels.items()
+        }
+    times, where = merged({name: c.nodes for name, c in channels.items()})
+    return BlowData(recording, onset, channels, times, where, settled)
+
+
+def _stays_away(
+    channels: Mapping[str, ChannelSamples], onset: float, noise: Mapping[str, float]
+) -> bool:
+    """Whether a pendulum on the horizontal bench is seen neither to be caught nor to come back.
+
+    Its own accelerometer has to say so: what swings free changes smoothly, a hand jolts it. And
+    nothing on the bench rises again after it has rung down.
+    """
+    own = channels.get('acceleration.impactor')
+    if own is None or 'acceleration.impactor' not in noise:
+        return False
+    free = own.values[own.time > onset + CAUGHT]
+    if free.size < _TELLING or not np.isfinite(free).all():
+        return False
+    course = np.polynomial.Polynomial.fit(np.arange(free.size), free, _SMOOTH)
+    left = np.abs(free - course(np.arange(free.size)))
+    sigma = noise['acceleration.impactor']
+    jolted = float(np.max(left)) > _JOLT * sigma or float(np.std(left)) > _LARGER * sigma
+    return not jolted and not any(
+        _rises_again(channel, onset, noise[name])
+        for name, channel in channels.items()
+        if name in noise and name != 'acceleration.impactor'
+    )
+
+
+def _rises_again(channel: ChannelSamples, onset: float, noise: float) -> bool:
+    """Whether a channel shows more than before, after the blow has rung down for a while."""
+    since = channel.time - onset
+    level = float(np.nanmedian(channel.values[since < 0.0])) if np.any(since < 0.0) else 0.0
+    after = since > RETURN - _A_WHILE
+    blocks = np.floor((since[after] - RETURN) / _A_WHILE).astype(np.int64)
+    size = np.abs(channel.values[after] - level)
+    if not size.size or not np.isfinite(size).all():
+        return True
+    peaks = ndimage.maximum(size, blocks, np.unique(blocks))
+    return bool(np.any(np.diff(peaks) > _JOLT * noise))
+
+
+def _tap_length(channels: Mapping[str, BinnedChannel], onset: float) -> float:
+    """Time after the onset at which a tap is over for certain, s.
+
+    A bench that is left alone rings by ``a = -w^2 x - 2 z w v``, with speed and travel the
+    integrals of its acceleration. What that rule, found late, does not say of the early samples
+    is the force of the hammer. Without the plate's acceleration a long tap is presumed.
+    """
+    plate = channels.get('acceleration.plate')
+    if plate is None or plate.samples.size < 64:
+        return _PRESUMED_TAP
+    since = plate.time - onset
+    known = np.isfinite(plate.samples)
+    a = np.where(known, plate.samples, 0.0)
+    a = a - (float(np.mean(a[since < -TAP_LEAD])) if np.any(since < -TAP_LEAD) else 0.0)
+    v = integrate.cumulative_trapezoid(a, dx=1 / plate.sample_rate, initial=0.0)
+    x = integrate.cumulative_trapezoid(v, dx=1 / plate.sample_rate, initial=0.0)
+    # drift of the integrals is a parabola
+    columns = np.stack([v, x, np.ones_like(since), since, since**2], axis=1)
+    tail = known & (since > _LONGEST_TAP) & (since < 5 * _LONGEST_TAP)
+    if np.count_nonzero(tail) < 64:
+        return _PRESUMED_TAP
+    rule = np.linalg.lstsq(columns[tail], a[tail], rcond=None)[0]
+    hammer = np.abs(a - columns @ rule)
+    early = known & (since > -TAP_LEAD) & (since < _LONGEST_TAP)
+    threshold = max(
+        0.04 * float(np.max(hammer[early], initial=0.0)),
+        6.0 * float(np.std((a - columns @ rule)[tail])),
+    )
+    acting = since[early & (hammer > threshold)]
+    if not acting.size:
+        return _SHORTEST_TAP
+    # the threshold hides a soft end, filters and converters lengthen it
+    beyond = max(_SOFT_END, _SOFT_END_SAMPLES / plate.sample_rate)
+    length = max(1.4 * float(acting[-1]) + beyond, _SHORTEST_TAP)
+    if length > _DOUBTFUL_TAP:
+        length = min(length, _left_alone(plate, since, a, v, x))
+    return length
+
+
+def _left_alone(plate: BinnedChannel, since: Array, a: Array, v: Array, x: Array) -> float:
+    """Time after the onset from which a bench with friction and a bent spring is left alone, s.
+
+    Strong friction or a bent spring break the linear rule for as long as the bench moves. Over
+    one swing a rule with both fits to within the noise, reversals apart, once the hammer has
+    gone. Infinity where it never does.
+    """
+    known = np.isfinite(plate.samples)
+    turning = ndimage.binary_dilation(np.diff(np.sign(v), append=np.sign(v[-1])) != 0, np.ones(5))
+    for begin in np.arange(_SHORTEST_TAP, _LONGEST_TAP, 1e-3).tolist():
+        chosen = known & (since > begin) & (since < begin + _ONE_SWING) & ~turning
+        t = since[chosen] - begin
+        if t.size < _TOLD_BY:
+            continue
+        own_v, own_x = v[chosen], x[chosen]
+        columns = np.stack(
+            [own_v, own_x, np.ones_like(t), t, np.sign(own_v), own_x**3, own_v * np.abs(own_v)], 1
+        )
+        columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        rule = np.linalg.lstsq(columns, a[chosen], rcond=1e-10)[0]
+        left = a[chosen] - columns @ rule
+        if float(np.max(np.abs(left))) < _OF_NOISE * plate.noise:
+            return float(1.2 * begin + 1e-3)
+    return math.inf

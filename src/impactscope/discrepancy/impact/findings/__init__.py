@@ -1,0 +1,1 @@
+"""What is told: findings, their numbers and figures."""

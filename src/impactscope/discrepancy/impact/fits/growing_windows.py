@@ -1,0 +1,345 @@
+"""Fits over windows that grow from the first milliseconds of a blow.
+
+Later contacts amplify small errors of earlier ones. So a fit begins where the blow is simple, with
+each blow placed in time, and follows over windows that grow.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from impactscope.discrepancy.impact.fits.least_squares import Fit, fit, jacobian, projector
+from impactscope.discrepancy.impact.fits.start_values import SHORT, cold_starts, met, placed
+from impactscope.discrepancy.impact.models.bench_model import ImpactModel
+from impactscope.discrepancy.patience import lasts
+from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.errors import ImpactscopeError
+from impactscope.physics.twin.simulate import SimulationError
+
+__all__ = [
+    'begun',
+    'fit_baseline',
+    'follow',
+    'followed',
+    'follows_all',
+    'further',
+    'further_misfit',
+    'held_out_fit',
+    'prediction_misfit',
+    'with_repeatability',
+]
+
+Array = NDArray[np.float64]
+
+_REPEATABLE = 8e-5  # relative, of a speed
+_RELEASES = (0.0, 1.0, -1.0, 2.2, -2.2)  # of the standard deviation of a release, as starts
+_PREDICTED = 1.15  # reduced chi-square from which other starts are tried
+_GROWTH = (0.02, 0.03, 0.04, 0.055, 0.08, 0.12, 0.2, 0.35, 0.6, 1.0, 1.7)  # s after the onset
+_ROUGH = 1.1  # growth of the reduced chi-square from which a nearer window is tried
+_SOUND = 1.5  # reduced chi-square up to which that is worth while
+_FINEST = 1.08  # ratio of windows that are next to each other
+_TRIES = 14
+_FOLLOWED = 4.0  # growth of the reduced chi-square up to which a longer window is followed
+_SETTLED = 0.02  # of chi-square
+_OPEN = 0.05  # relative, of a number that a short window does not tell
+_TOLD = 0.005  # relative, likewise of a bare contact: each bounce amplifies it
+_STEEP = 'contact.'
+_RUNG = 1.15  # reduced chi-square up to which taps are understood
+_WAYS = 2  # pairs of starts within what a short window leaves open
+_FAR = 2.0  # standard deviations
+
+
+def fit_baseline(model: ImpactModel) -> Fit:
+    """The baseline re-tuned to the blows that are fitted, from a cold start; see `follow`."""
+    model = _by_noise_alone(model)
+    starts = cold_starts(model)
+    bare = 'contact.stiffness' in model.values(starts[0])
+    by_taps = _by_taps(model, starts[0]) if bare else None
+    if by_taps is not None and follows_all(by_taps):
+        return by_taps
+    short = _short(model, starts)
+    found = follow(short)
+    if not follows_all(found) and _open(short):
+        found = _by_other_ways(short, found)
+    return found if by_taps is None else further(found, by_taps)
+
+
+def begun(model: ImpactModel) -> Fit:
+    """A model fitted to the first milliseconds of all blows, from a cold start."""
+    model = _by_noise_alone(model)
+    return _short(model, cold_starts(model))
+
+
+def _short(model: ImpactModel, starts: Sequence[Array]) -> Fit:
+    """The fit over the shortest windows that is best."""
+    blows = model.data.fitted
+    starts, known = met(model, starts)
+    others = [i for i in blows if i not in known]
+    tried = side_by_side(lambda x: placed(model, x, blows, others), starts)
+    return min((f for f in tried if f is not None), key=lambda f: f.chi_square)
+
+
+def _by_taps(model: ImpactModel, start: Array) -> Fit | None:
+    """A fit that first holds what the taps tell; None where they tell nothing or miss something.
+
+    Bare contacts of a few samples are steep: free to move, everything that is known of the bench
+    would be bent to meet them, and the fit not find back.
+    """
+    blows = model.data.fitted
+    taps = [i for i in blows if model.data.blows[i].recording.kind == 'tap']
+    if not taps or len(taps) == len(blows):
+        return None
+    try:
+        layout = model.layout(taps)
+        rung = fit(model, layout, start, iterations=12, settled=1.0)
+        if rung.reduced > _RUNG:
+            return None
+        told = np.linalg.norm(rung.jacobian[: layout.size], axis=0) > 0.0
+        held = {
+            f.key: rung.values[f.key]
+            for f, known in zip(model.free, told, strict=True)
+            if f.blow is None and (known or f.key.startswith('gain.'))
+        }
+        alone = model.extended(constants=held)
+        alone.free = tuple(f for f in model.free if f.key not in held)
+        short = _short(alone, cold_starts(alone))
+        x = np.array([f.to_inner(short.values[f.key]) for f in model.free])
+        return follow(fit(model, short.layout, x, iterations=12, settled=1.0))
+    except (ImpactscopeError, ValueError):
+        return None
+
+
+def further(found: Fit, other: Fit) -> Fit:
+    """The fit that follows the blows further; of two that go as far the one that leaves less."""
+    longer = other.layout.size > 1.02 * found.layout.size
+    as_long = other.layout.size > 0.98 * found.layout.size
+    if longer or (as_long and other.reduced < found.reduced - 1e-3):
+        return other
+    return found
+
+
+def follows_all(found: Fit) -> bool:
+    """Whether a fit follows all blows to their end and leaves no more than noise."""
+    whole = found.model.layout(found.layout.blows).size
+    return found.layout.size == whole and found.reduced < 1.0 + math.sqrt(2.0 / whole)
+
+
+def _open(short: Fit) -> bool:
+    """Whether a short window leaves a number of the bench open, as of a contact's stiffness."""
+    spread = np.sqrt(np.diag(short.covariance()))
+    return any(
+        f.blow is None and f.logarithmic and s > (_TOLD if f.key.startswith(_STEEP) else _OPEN)
+        for f, s in zip(short.model.free, spread, strict=True)
+    )
+
+
+def _by_other_ways(short: Fit, found: Fit) -> Fit:
+    """The best of several fits that set out from what a short window leaves open.
+
+    Where the first contacts tell a number only roughly, the moments of later bounces have several
+    minima, and the nearest one need not be the right one.
+    """
+    power, vectors = np.linalg.eigh(short.covariance())
+    reach = vectors * np.sqrt(np.maximum(power, 0.0))
+    lower, upper = short.model.bounds()
+    rng = np.random.default_rng(0)
+    for _ in range(_WAYS):
+        if not lasts('other starts of the baseline'):
+            break
+        step = _FAR * (reach @ rng.standard_normal(power.size))
+        both = [np.clip(x, lower, upper) for x in (short.x + step, short.x - step)]
+        for other in side_by_side(lambda x: _followed_from(short, x), both):
+            if other is not None:
+                found = further(found, other)
+        if follows_all(found):
+            break
+    return found
+
+
+def _followed_from(short: Fit, x: Array) -> Fit | None:
+    with contextlib.suppress(ImpactscopeError):
+        return follow(dataclasses.replace(short, model=short.model.extended(), x=x))
+    return None
+
+
+def follow(found: Fit, until: float = math.inf) -> Fit:
+    """A fit of a short window extended over longer ones, up to ``until`` s after the onset.
+
+    For as long as the fit follows: where the misfit jumps, because a later contact amplifies what
+    the model lacks, the fit of the window before stands.
+    """
+    return followed(found, SHORT[-1], until)[0]
+
+
+def followed(
+    found: Fit, reached: float, until: float = math.inf, *, renew: bool = True
+) -> tuple[Fit, float]:
+    """See `follow`; and the window, s, that was reached: ``until`` where it went to the end.
+
+    Dozens of bounces can follow a blow. Where a longer window is not fitted as well as the one
+    before, a nearer one is tried first, from which the fit may find the way. ``reached``: window
+    of the fit to start from. ``renew``: what no bench repeats is estimated anew on the way.
+    """
+    blows = found.layout.blows
+    longest = _longest(found.model, blows)
+    ahead = [w for w in _GROWTH if reached < w < min(until, longest)]
+    ahead.append(until)
+    tries = 0
+    while ahead:
+        window = ahead[0]
+        model = with_repeatability(found.model, found.x, blows) if renew else found.model
+        settled = _SETTLED if window == until else 1.0
+        grown = fit(model, model.layout(blows, window), found.x, iterations=12, settled=settled)
+        near = min(window, longest)
+        worse = grown.reduced > _ROUGH * max(found.reduced, 1.0)
+        if worse and found.reduced < _SOUND and near > _FINEST * reached and tries < _TRIES:
+            ahead.insert(0, math.sqrt(reached * near))
+            tries += 1
+            continue
+        if grown.reduced > _FOLLOWED * max(found.reduced, 1.0):
+            break
+        found, reached = grown, ahead.pop(0)
+    return found, reached
+
+
+def _longest(model: ImpactModel, blows: Sequence[int]) -> float:
+    """Time after the onset at which the last blow ends, s; taps do not count."""
+    ends = [
+        float(c.centres[-1]) - b.onset
+        for b in (model.data.blows[i] for i in blows)
+        if b.recording.kind != 'tap'
+        for c in b.channels.values()
+    ]
+    return max(ends, default=0.0)
+
+
+def held_out_fit(found: Fit, blows: Sequence[int], window: float = math.inf) -> Fit | None:
+    """Blows predicted with the shared numbers of a fit; only their own unknowns are adjusted."""
+    if not blows:
+        return None
+    values = found.values
+    own = tuple(f for f in found.model.free if f.blow in blows)
+    shared = {f.key: values[f.key] for f in found.model.free if f.blow not in blows}
+    model = found.model.extended(constants=shared)
+    model.free = own
+    found_best: Fit | None = None
+    for share in _RELEASES:
+        short = placed(model, _released(model, share), blows, blows)
+        if short is None:
+            continue
+        predicted = follow(short, window)
+        best = found_best
+        longer = best is None or predicted.layout.size > 1.02 * best.layout.size
+        if best is None or longer or predicted.chi_square < best.chi_square - 1.0:
+            found_best = predicted
+        if found_best is not None and found_best.reduced < _PREDICTED:
+            break
+    if found_best is None:
+        raise SimulationError('the held-out recordings cannot be simulated')
+    return found_best
+
+
+def _released(model: ImpactModel, share: float) -> Array:
+    """Start of a fit with each release off by a share of what it is known to."""
+    x = model.start()
+    for j, number in enumerate(model.free):
+        if number.prior is not None and number.key.startswith(('angle@', 'speed@')):
+            mean, std = number.prior
+            x[j] = number.to_inner(mean + share * std)
+    return x
+
+
+def further_misfit(before: tuple[Fit, Fit], after: tuple[Fit, Fit]) -> float:
+    """Rise of chi-square from one prediction to another, over the bins that both have.
+
+    Each is a fit and its prediction of recordings that were held out. What the fit does not know
+    of its numbers for certain is no fault of its prediction, however later contacts amplify it:
+    chi-square is that of the marginal distribution.
+    """
+    old, new = before[1], after[1]
+    rows: tuple[list[Array], list[Array]] = ([], [])
+    for (i, name), span in new.layout.spans.items():
+        masks = [f.layout.masks[i, name] for f in (old, new)]
+        both = masks[0] & masks[1]
+        spread = [f.model.data.blows[i].channels[name].std[both] for f in (old, new)]
+        spans = old.layout.spans[i, name], span
+        for k, part in enumerate(rows):
+            # each by the larger uncertainty: where one cannot tell, neither counts
+            weight = np.zeros(spans[k].stop - spans[k].start)
+            weight[both[masks[k]]] = spread[k] / np.maximum(*spread)
+            part.append(weight)
+    return _surprise(*after, np.concatenate(rows[1])) - _surprise(*before, np.concatenate(rows[0]))
+
+
+def prediction_misfit(found: Fit, predicted: Fit) -> float:
+    """Reduced chi-square of a prediction, allowing for what the fit knows not of its numbers."""
+    size = predicted.layout.size
+    surprise = _surprise(found, predicted, np.ones(size))
+    return surprise / max(size - predicted.x.size, 1)
+
+
+def _surprise(found: Fit, predicted: Fit, weight: Array) -> float:
+    """Chi-square of a prediction, what is unknown of the shared numbers taken into account."""
+    layout = predicted.layout
+    model = dataclasses.replace(found.model, data=predicted.model.data)
+    values = {**found.values, **predicted.values}
+    x = np.array([f.to_inner(values[f.key]) for f in model.free])
+    shared = [j for j, f in enumerate(model.free) if f.blow is None]
+    residuals = model.residuals(x, layout)
+    slopes = jacobian(model, x, layout, residuals, only=shared)[: layout.size, shared]
+    own = projector(weight[:, None] * predicted.jacobian[: layout.size])
+    left = weight * residuals[: layout.size]
+    left = left - own @ (own.T @ left)
+    power, vectors = np.linalg.eigh(found.covariance()[np.ix_(shared, shared)])
+    reach = weight[:, None] * (slopes @ (vectors * np.sqrt(np.maximum(power, 0.0))))
+    reach = reach - own @ (own.T @ reach)
+    along = reach.T @ left
+    inner = np.eye(along.size) + reach.T @ reach
+    return float(left @ left - along @ np.linalg.solve(inner, along))
+
+
+def with_repeatability(
+    model: ImpactModel, x: Array, chosen: Sequence[int] | None = None
+) -> ImpactModel:
+    """The model with what no bench repeats counted as noise.
+
+    Every further contact amplifies the smallest difference of speed: where a relative change of
+    ``_REPEATABLE`` would be seen, a bin tells less than its noise says.
+    """
+    values = model.values(x)
+    blows = []
+    for i, blow in enumerate(model.data.blows):
+        key = next((k for k in (f'angle@{i}', f'speed@{i}') if k in values), None)
+        if key is None or (chosen is not None and i not in chosen):
+            blows.append(blow)
+            continue
+        here = model.predict(values, i)
+        there = model.predict({**values, key: values[key] * (1 + _REPEATABLE)}, i)
+        channels = {}
+        for name, channel in blow.channels.items():
+            change = np.abs(there.means[name] - here.means[name])
+            change = ndimage.maximum_filter1d(change, 5)
+            std = np.where(channel.used, np.hypot(channel.own_std, change), 1.0)
+            channels[name] = dataclasses.replace(channel, std=std)
+        blows.append(dataclasses.replace(blow, channels=channels))
+    data = dataclasses.replace(model.data, blows=tuple(blows))
+    return dataclasses.replace(model, data=data)
+
+
+def _by_noise_alone(model: ImpactModel) -> ImpactModel:
+    """The model with bins that count by their noise, whatever a bench repeats."""
+    blows = tuple(
+        dataclasses.replace(
+            b,
+            channels={n: dataclasses.replace(c, std=c.own_std) for n, c in b.channels.items()},
+        )
+        for b in model.data.blows
+    )
+    return dataclasses.replace(model, data=dataclasses.replace(model.data, blows=blows))

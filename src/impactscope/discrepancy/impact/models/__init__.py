@@ -1,0 +1,1 @@
+"""The simulated bench with its measuring chain, as the campaign states it."""

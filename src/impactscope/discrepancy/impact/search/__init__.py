@@ -1,0 +1,1 @@
+"""The search for the mechanisms that are missing, over windows that grow."""

@@ -1,0 +1,148 @@
+"""Fuller forms of a finding, once a window is long enough to tell more of it.
+
+A robot that pushes on is a force that rises and stays, as long as nobody has seen it end. Friction
+that is higher at rest is found as plain friction first, with what is left of another kind.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from impactscope.discrepancy.evidence import family_p_value, information
+from impactscope.discrepancy.impact.candidates.candidate import Candidate, contains
+from impactscope.discrepancy.impact.candidates.catalogue import LEFT_ALONE, candidates
+from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
+from impactscope.discrepancy.impact.models.bench_model import Free
+from impactscope.discrepancy.impact.search.outcome import Found, Outcome, evidence_for
+from impactscope.discrepancy.impact.search.strong_effects import from_within
+from impactscope.errors import ImpactscopeError
+from impactscope.physics.mechanisms.registry import mechanism
+
+__all__ = ['fuller', 'law_that_contains']
+
+_STARTS = {'hold': (0.03, 0.1, 0.3), 'fall': (0.03, 0.15)}  # s
+_LONGEST = 10.0  # s
+_ITERATIONS = 12
+
+
+def fuller(current: Fit, outcome: Outcome, false_finding: float, sound: Fit | None = None) -> Fit:
+    """The fit with each finding in its fuller form, where that explains more than chance does.
+
+    What was found is changed in ``outcome``.
+
+    Args:
+        current: the fit as it is.
+        outcome: what was found.
+        false_finding: probability that chance is given.
+        sound: the last fit at the noise, of a shorter window: what the fuller form adds had not
+            begun by then, and its numbers have not been led astray by it.
+    """
+    for plain in list(outcome.accepted):
+        form = _form(plain)
+        if form is None:
+            continue
+        more = [f for f in form.free if f not in plain.free]
+        model = current.model.extended(free=more)
+        best: Fit | None = None
+        for values in _starts(plain, more, current, sound):
+            x = np.array([f.to_inner(values.get(f.key, f.start)) for f in model.free])
+            try:
+                made = fit(model, current.layout, x, iterations=_ITERATIONS)
+            except ImpactscopeError:
+                continue
+            if best is None or made.chi_square < best.chi_square:
+                best = made
+        if best is None:
+            continue
+        gain = evidence_for(best, current)
+        if family_p_value(max(gain, 0.0), len(more), len(LEFT_ALONE)) > false_finding:
+            continue
+        outcome.accepted[outcome.accepted.index(plain)] = form
+        known = outcome.found.pop(plain.label)
+        outcome.found[form.label] = dataclasses.replace(known, candidate=form, fit=best)
+        outcome.rivals[form.label] = outcome.rivals.pop(plain.label, [])
+        outcome.last = []
+        outcome.tests = None
+        current = best
+    return current
+
+
+def law_that_contains(
+    current: Fit, outcome: Outcome, baseline_names: Sequence[str], false_finding: float
+) -> Fit | None:
+    """The fit with a law that contains a finding in its place, where chance explains less.
+
+    What was found is changed in ``outcome``. None where no such law explains more.
+    """
+    laws_of_one = [c for c in outcome.accepted if len(c.amplitudes) == 1 and not c.channel]
+    listed = candidates(outcome.baseline, baseline_names) if laws_of_one else []
+    for plain in laws_of_one:
+        laws = [c for c in listed if contains(c, plain)]
+        if not laws:
+            continue
+        without = outcome.baseline.model
+        for other in outcome.accepted:
+            without = without if other is plain else other.extend(without)
+        best: Found | None = None
+        for law in laws:
+            made = from_within(current, without, plain, law)
+            if made is None:
+                continue
+            known, more = outcome.found[plain.label], law.cost - plain.cost
+            gain = evidence_for(made, current)
+            chance = family_p_value(max(gain, 0.0), more, len(laws))
+            criterion = known.criterion + information(-gain, more, current.layout.size)
+            if chance < false_finding and (best is None or criterion < best.criterion):
+                best = Found(law, made, known.gain + gain, known.p_value, criterion)
+        if best is not None:
+            outcome.accepted[outcome.accepted.index(plain)] = best.candidate
+            rivals = outcome.rivals.pop(plain.label, [])
+            outcome.rivals[best.candidate.label] = [outcome.found.pop(plain.label), *rivals]
+            outcome.found[best.candidate.label] = best
+            outcome.last = []
+            outcome.tests = None
+            return best.fit
+    return None
+
+
+def _starts(
+    plain: Candidate, more: Sequence[Free], current: Fit, sound: Fit | None
+) -> Iterator[dict[str, float]]:
+    """Values from which the fuller form is fitted."""
+    choices = {f.key: _STARTS[f.key.rpartition('.')[2]] for f in more}
+    for start in itertools.product(*choices.values()):
+        yield {**current.values, **dict(zip(choices, start, strict=True))}
+    if sound is None or not {f.key for f in plain.free} <= set(sound.values):
+        return
+    tag = plain.effects[0].tag
+    up = sum(sound.values.get(f'{tag}.{name}', 0.0) for name in ('start', 'rise'))
+    if math.isfinite(sound.layout.window) and f'{tag}.hold' in choices:
+        choices[f'{tag}.hold'] = (max(sound.layout.window - up, 0.0),)
+    for start in itertools.product(*choices.values()):
+        yield {**current.values, **sound.values, **dict(zip(choices, start, strict=True))}
+
+
+def _form(plain: Candidate) -> Candidate | None:
+    """The fuller form of a candidate that has one."""
+    names = LEFT_ALONE.get(plain.name, ())
+    if not names:
+        return None
+    tag = plain.effects[0].tag
+    free = []
+    for p in mechanism(plain.name).parameters:
+        if p.name in names:
+            middle = _STARTS[p.name][1]
+            logarithmic = p.lower > 0.0
+            scale = 0.05 if logarithmic else 0.1 * middle
+            free.append(Free(f'{tag}.{p.name}', middle, scale, p.lower, _LONGEST, logarithmic))
+    if any(f.key in {g.key for g in plain.free} for f in free):
+        return None
+    constants = {k: v for k, v in plain.constants.items() if k not in {f.key for f in free}}
+    return dataclasses.replace(
+        plain, label=f'{plain.label} (that ends)', free=(*plain.free, *free), constants=constants
+    )

@@ -1,0 +1,83 @@
+"""Held-out recordings: they may confirm a finding, or contradict it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
+from impactscope.discrepancy.impact.fits.growing_windows import further_misfit, held_out_fit
+from impactscope.discrepancy.impact.search.outcome import Outcome, with_findings
+from impactscope.discrepancy.patience import lasts
+
+__all__ = ['check_held_out']
+
+_CONFIRMED = 4  # candidates that are held against the held-out recordings
+
+
+def check_held_out(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
+    """Predict the held-out recordings; of at most ``most`` findings keep what they bear out."""
+    held_out = outcome.final.model.data.held_out
+    outcome.held_out_baseline = held_out_fit(outcome.baseline, held_out, outcome.window)
+    outcome.held_out_final = outcome.held_out_baseline
+    if outcome.accepted:
+        outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
+    if outcome.held_out_final is None:
+        return
+    _confirm(outcome, thresholds, most)
+    while outcome.accepted:
+        before, after = outcome.held_out_baseline, outcome.held_out_final
+        if before is None or after is None:
+            return
+        worse = further_misfit((outcome.baseline, before), (outcome.final, after))
+        if worse <= thresholds.held_out_loss * max(1.0, after.reduced):
+            return
+        dropped = outcome.accepted.pop()
+        outcome.notes.append(
+            f'The held-out recordings contradict what the fitted ones suggest: with '
+            f'{dropped.label} chi-square rises by {worse:.1f}; it is not accepted.'
+        )
+        outcome.tests = None
+        if outcome.accepted:
+            outcome.final = with_findings(outcome, outcome.accepted, outcome.final.layout)
+            outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
+        else:
+            outcome.final, outcome.held_out_final = outcome.baseline, before
+
+
+def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
+    """Accept what the fitted recordings only suggest where the held-out ones bear it out.
+
+    Nothing is fitted to these, so their chi-square counts in full beside that of the fit.
+    """
+    held_out = outcome.final.model.data.held_out
+    while len(outcome.accepted) < most and outcome.held_out_final is not None:
+        if not lasts('what the fitted recordings only suggest'):
+            return
+        able = []
+        for item in outcome.last[:_CONFIRMED]:
+            wanted = least_gain(item.candidate.cost, outcome.looks, thresholds.false_finding)
+            beside = set(outcome.final.values) <= set(item.fit.values)
+            if item.gain < 0.3 * wanted or item.refused or not beside:
+                continue
+            if item.fit.layout.size != outcome.final.layout.size:
+                continue
+            predicted = held_out_fit(item.fit, held_out, outcome.window)
+            if predicted is None:
+                continue
+            worse = further_misfit((outcome.final, outcome.held_out_final), (item.fit, predicted))
+            gain = item.gain - worse / max(1.0, predicted.reduced)
+            if worse < -1.0 and gain > wanted:
+                able.append((item.criterion - gain + item.gain, gain, item, predicted))
+        if not able:
+            return
+        _, gain, best, predicted = min(able, key=lambda entry: entry[0])
+        chance = family_p_value(gain, best.candidate.cost, outcome.looks)
+        best = dataclasses.replace(best, gain=gain, p_value=chance)
+        outcome.accepted.append(best.candidate)
+        outcome.found[best.candidate.label] = best
+        outcome.rivals[best.candidate.label] = [
+            f for f in outcome.last if f.candidate is not best.candidate
+        ]
+        outcome.p_value = min(outcome.p_value, chance)
+        outcome.final, outcome.held_out_final = best.fit, predicted
+        outcome.tests, outcome.last = None, []

@@ -1,0 +1,283 @@
+"""Joint fits of candidates beside a fitted model: ordered by screening, judged by chi-square.
+
+Every candidate is tried at the model's numbers; what those could re-tune is projected out of its
+signature, and what remains is compared with the residual. The best are fitted jointly with
+everything else, and their fall of chi-square is weighed against the number of looks.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.evidence import Thresholds, least_gain
+from impactscope.discrepancy.impact.candidates.candidate import Candidate
+from impactscope.discrepancy.impact.candidates.catalogue import candidates
+from impactscope.discrepancy.impact.candidates.channel_effects import delays_like
+from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, fit
+from impactscope.discrepancy.impact.models.bench_model import ImpactModel
+from impactscope.discrepancy.impact.search.outcome import QUIET, Found, settled_without, weigh
+from impactscope.discrepancy.impact.search.screening import Remembered, Screening, Trial
+from impactscope.discrepancy.impact.search.strong_effects import in_place_of, race, related
+from impactscope.discrepancy.patience import lasts
+from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.errors import ImpactscopeError
+from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
+
+__all__ = ['LOST', 'JointFits']
+
+Array = NDArray[np.float64]
+
+LOST = 2.0
+"""Reduced chi-square above which a longer window tells nothing more."""
+
+_SUSPECTED = 0.1  # chance, all looks together, up to which a candidate is fitted again later
+_RUNG, _AS_MUCH = 60.0, 0.3  # of chi-square, and of the best gain, from which that is done
+_FREQUENCIES = tuple(float(f) for f in np.geomspace(30.0, 600.0, 9))  # Hz
+_JOINT = 6  # candidates that are fitted jointly in a step
+
+
+@dataclass(eq=False)
+class JointFits:
+    """Tries candidates beside fits of a campaign; see the module's description."""
+
+    baseline_names: Sequence[str]
+    thresholds: Thresholds
+    tried: tuple[Array, list[Trial]] = field(default_factory=lambda: (np.zeros(0), []))
+    """Residual and trials of the last ordering."""
+    window: float = math.inf  # s after the onset, that is being looked at
+    remembered: Remembered = field(default_factory=Remembered)
+
+    def step(
+        self,
+        current: Fit,
+        sound: Fit | None = None,
+        most: int = 0,
+        suspected: Sequence[Found] = (),
+    ) -> tuple[list[Found], int, Fit]:
+        """Candidates fitted jointly, the best first; their number; the model without them.
+
+        The last is ``current``, or a better fit of the same model that a candidate led to.
+
+        ``sound``: a fit of the same model to a shorter window that had nothing amiss; where the
+        misfit is large, its numbers are closer to the truth than those that were bent to fit.
+        ``suspected``: candidates that a shorter window has not borne out.
+        """
+        listed = candidates(current, self.baseline_names)
+        place = current
+        if sound is not None and sound.x.size == current.x.size and current.reduced > LOST:
+            place = at_point(current.model, current.layout, sound.x)
+        trials = self.order(place, listed)
+        found = self.judge(current, trials, len(listed), most or _JOINT)
+        found = self._with_suspected(current, found, suspected, len(listed))
+        if current.reduced > LOST and not most:
+            found = self._strong(current, found, len(listed))
+        found, settled = self._settle(current, found, len(listed))
+        return found, len(listed), settled
+
+    @staticmethod
+    def _with_suspected(
+        current: Fit, found: list[Found], suspected: Sequence[Found], looks: int
+    ) -> list[Found]:
+        """What was fitted, and what a shorter window was about to find; the best first.
+
+        Numbers of the baseline that late contacts have bent hide it from a look at its slopes.
+        """
+        known = {f.candidate.label for f in found}
+        added = []
+        for before in suspected:
+            candidate = before.candidate
+            if before.p_value > _SUSPECTED or candidate.label in known or not candidate.free:
+                continue
+            model = candidate.extend(current.model)
+            own = {f.key for f in candidate.free}
+            mine = {k: v for k, v in before.fit.values.items() if k in own}
+            fits = []
+            for numbers in ({**current.values, **mine}, {**current.values, **before.fit.values}):
+                x = np.array([f.to_inner(numbers.get(f.key, f.start)) for f in model.free])
+                with contextlib.suppress(ImpactscopeError):
+                    fits.append(fit(model, current.layout, x, settled=0.1, near=current))
+            if fits:
+                best = min(fits, key=lambda f: f.chi_square)
+                added.append(weigh(candidate, best, current, looks))
+        return sorted([*found, *added], key=lambda f: f.criterion)
+
+    def _strong(self, current: Fit, found: list[Found], looks: int) -> list[Found]:
+        """Candidates fitted from better places where much is missing; the best first."""
+        fits = [(f.candidate, f.fit) for f in found]
+        if not found or found[0].fit.reduced > QUIET:
+            fits += race(current, self.baseline_names, self.window)
+        if not fits:
+            return found
+        fits.sort(key=lambda item: item[1].chi_square)
+        candidate, leader = fits[0]
+        for other in related(candidate, candidates(current, self.baseline_names)):
+            instead = in_place_of(leader, current.model, other)
+            if instead is not None:
+                fits.append((other, instead))
+        best: dict[str, Found] = {}
+        for candidate, joint in fits:
+            item = weigh(candidate, joint, current, looks)
+            known = best.get(candidate.label)
+            if known is None or item.criterion < known.criterion:
+                best[candidate.label] = item
+        return sorted(best.values(), key=lambda f: f.criterion)
+
+    def _settle(self, current: Fit, found: list[Found], looks: int) -> tuple[list[Found], Fit]:
+        """Weigh again where a candidate only showed the way to a better fit without it."""
+        best = current
+        for item in found[:2]:
+            if item.fit.reduced > 1.5:
+                continue
+            if item.counts(self.thresholds.false_finding):
+                known = item.fit.values
+                x = np.array([f.to_inner(known[f.key]) for f in current.model.free])
+                again = fit(current.model, current.layout, x, near=current)
+                if again.chi_square < best.chi_square:
+                    best = again
+            best = settled_without(item.fit, [item.candidate], best)
+        if best is current:
+            return found, current
+        fresh = [weigh(f.candidate, f.fit, best, looks) for f in found]
+        return sorted(fresh, key=lambda f: f.criterion), best
+
+    def order(self, current: Fit, listed: Sequence[Candidate]) -> list[Trial]:
+        """Every candidate tried, the most promising first."""
+        screening = Screening(current, self.remembered)
+        tried = [found for found in side_by_side(screening.best, listed) if found]
+        self.tried = screening.residual, [t for found in tried for t in found]
+        tried.sort(key=lambda found: found[0].gain, reverse=True)
+
+        def refined(found: Sequence[Trial]) -> Trial:
+            best = screening.best_refined(found)
+            # at full strength bounces need more re-tuning than a linear one: what it was when
+            # weak counts, too
+            return dataclasses.replace(best, gain=max(best.gain, found[0].gain))
+
+        top = side_by_side(refined, tried[: 2 * _JOINT])
+        return sorted(top, key=lambda t: t.gain, reverse=True)
+
+    def judge(
+        self, current: Fit, trials: Sequence[Trial], looks: int, most: int = 0
+    ) -> list[Found]:
+        """The most promising trials fitted jointly; the best by its criterion first."""
+        found: list[Found] = []
+        seen: dict[str, int] = {}
+        strong = current.reduced > QUIET
+        spread = max(1.0, current.reduced)
+        kin: set[str] = set()
+        for trial in trials:
+            candidate = trial.candidate
+            kind = f'{candidate.name}:{candidate.channel}'
+            if seen.get(kind, 0) >= (1 if candidate.channel else 3):
+                continue
+            least = least_gain(candidate.cost, looks, self.thresholds.false_finding)
+            if trial.gain < 0.6 * least * spread:
+                continue
+            related = candidate.name in kin
+            # what a fit has not borne out holds no other back
+            top = max((f.gain for f in found), default=trial.gain)
+            weak = not strong and trial.gain < top - max(20.0, 0.4 * top)
+            if (weak or len(found) >= (most or _JOINT)) and not related:
+                continue
+            seen[kind] = seen.get(kind, 0) + 1
+            try:
+                joint = fit(trial.model, current.layout, trial.x, settled=0.1, near=current)
+            except ImpactscopeError:
+                continue
+            if candidate.name == 'mains_hum' and not _everywhere(joint, current):
+                continue
+            found.append(weigh(candidate, joint, current, looks))
+            if len(found) == 1 and candidate.name in all_mechanisms():
+                kin = set(mechanism(candidate.name).kin)
+        promised = {t.candidate.label: t.gain for t in trials}
+        found = self._rung_elsewhere(current, found, promised, looks)
+        found.sort(key=lambda f: f.criterion)
+        like = found and found[0].candidate.name in ('low_pass_filter', 'clock_error')
+        if like and lasts('filters of other orders'):
+            found += self._delays(current, found[0], looks)
+            found.sort(key=lambda f: f.criterion)
+        return found
+
+    @staticmethod
+    def _rung_elsewhere(
+        current: Fit, found: list[Found], promised: Mapping[str, float], looks: int
+    ) -> list[Found]:
+        """What was fitted, what rings from frequencies all over where it explains about as much.
+
+        A soft fixture of little mass re-tunes the sensor: at which frequency is not seen before
+        that is done. ``promised``: fall of chi-square by label before anything was fitted.
+        """
+        top = max((f.gain for f in found), default=0.0)
+        better = []
+        for item in found:
+            candidate = item.candidate
+            key = f'{candidate.label}.frequency'
+            told = max(item.gain, promised.get(candidate.label, 0.0))
+            strong = told > max(_RUNG, _AS_MUCH * top)
+            if key not in {f.key for f in candidate.free} or candidate.channel or not strong:
+                better.append(item)
+                continue
+            if not lasts('other frequencies of what rings'):
+                return found
+            model = candidate.extend(current.model)
+
+            def fitted(frequency: float, model: ImpactModel = model, key: str = key) -> Fit | None:
+                numbers = {**current.values, key: frequency}
+                x = np.array([f.to_inner(numbers.get(f.key, f.start)) for f in model.free])
+                try:
+                    return fit(model, current.layout, x, settled=0.1, iterations=40)
+                except ImpactscopeError:
+                    return None
+
+            fits = [f for f in side_by_side(fitted, _FREQUENCIES) if f is not None]
+            best = min((item.fit, *fits), key=lambda f: f.chi_square)
+            better.append(weigh(candidate, best, current, looks))
+        return better
+
+    @staticmethod
+    def _delays(current: Fit, like: Found, looks: int) -> list[Found]:
+        """Filters of every order, and a late clock, in the place of a filter or a delay."""
+        values = like.fit.values
+        channel = like.candidate.channel
+        rate = next(
+            b.channels[channel].sample_rate
+            for b in current.model.data.blows
+            if channel in b.channels
+        )
+        found = []
+        for candidate, number in delays_like(
+            like.candidate, values, rate, current.model.data.channels
+        ):
+            model = candidate.extend(current.model)
+            known = {**values, candidate.free[0].key: number}
+            x = np.array([f.to_inner(known[f.key]) for f in model.free])
+            try:
+                joint = fit(model, current.layout, x, settled=0.1, near=like.fit, fresh=False)
+            except ImpactscopeError:
+                continue
+            found.append(weigh(candidate, joint, current, looks))
+        return found
+
+
+def _everywhere(joint: Fit, current: Fit) -> bool:
+    """Whether a hum is there before the blows, too: else it stands for something that is not."""
+    model, layout = joint.model, joint.layout
+    before = np.zeros(layout.size, dtype=np.bool_)
+    for (i, name), span in layout.spans.items():
+        blow = model.data.blows[i]
+        before[span] = blow.channels[name].centres[layout.masks[i, name]] < blow.onset - 2e-3
+    old, new = current.residuals[: layout.size], joint.residuals[: layout.size]
+    change = (new - old) ** 2
+    gain = old**2 - new**2
+    share = float(np.sum(change[before])) / max(float(np.sum(change)), 1e-300)
+    wanted = share * float(np.sum(gain))
+    # one standard deviation of the gain is twice its root; a channel that is not compared before
+    # the blows (the impactor while it falls) cannot speak against
+    return float(np.sum(gain[before])) >= 0.5 * wanted - 2.0 * math.sqrt(max(wanted, 0.0))

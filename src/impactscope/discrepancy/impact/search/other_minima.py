@@ -1,0 +1,180 @@
+"""Other minima of a finding's numbers: more than one value may tell the shape of a law.
+
+Covariances come from the slope at one minimum. Where a yield, a speed or a frequency has a second
+one that recordings cannot exclude, the interval about the first is too narrow. So a fit sets out
+from either side of each such number; a better end replaces the fit, one about as good widens the
+uncertainty of what differs. A part that rings weakly has minima all over the spectrum: its
+frequency is scanned.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from impactscope.discrepancy.answer import ParameterEstimate
+from impactscope.discrepancy.impact.candidates.candidate import Candidate
+from impactscope.discrepancy.impact.candidates.motion_scales import LARGEST_FREQUENCY
+from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
+from impactscope.discrepancy.impact.search.screening import Screening
+from impactscope.discrepancy.patience import lasts
+from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.errors import ImpactscopeError
+
+__all__ = ['other_modes', 'rung', 'widened']
+
+Array = NDArray[np.float64]
+
+_OTHER_VALUES = 'other values of what was found'
+_ALONE, _ALONE_FREQUENCY = (1.6,), (1.12,)  # factors on a number, to either side
+_ALONG, _ALONG_FREQUENCY = (1.6,), (1.7, 2.9)  # the same, the others moved along
+_BETTER = 0.1  # of chi-square
+_NEAR = 0.2  # change of a logarithm, up to which slopes serve for another start
+_OPEN = 8.0  # of chi-square, over the reduced one, up to which a mode is not excluded
+_ALIKE = 0.3  # standard deviations, between two fits that are one
+_INTERVAL = 1.96  # standard deviations
+_HELD = 0.95
+_HALVINGS = 30
+_LOWEST = 15.0  # Hz, from which a frequency is scanned
+_APART = 0.04  # of its logarithm, between two that are tried
+_PEAKS = 3  # that are followed
+
+
+def rung(without: Fit, candidate: Candidate) -> list[dict[str, float]]:
+    """All numbers of a model with a candidate that rings, at the frequencies that explain most.
+
+    ``without``: the fit that lacks it. Nothing where the candidate has no frequency.
+    """
+    key = f'{candidate.label}.frequency'
+    number = next((f for f in candidate.free if f.key == key), None)
+    if number is None:
+        return []
+    highest = min(number.upper, LARGEST_FREQUENCY)
+    count = round(math.log(highest / _LOWEST) / _APART)
+    grid = np.geomspace(_LOWEST, highest, count)
+    screening = Screening(without)
+    tops = screening.peaks(candidate, [{**candidate.starts[0], key: float(f)} for f in grid])
+    refined = side_by_side(lambda t: screening.best_refined([t]), tops[:_PEAKS])
+    return [t.model.values(t.x) for t in refined]
+
+
+def other_modes(
+    final: Fit, candidates: Sequence[Candidate], further: Sequence[Mapping[str, float]] = ()
+) -> tuple[Fit, list[Fit]]:
+    """The best fit, and others about as good, from either side of each number of a shape.
+
+    ``further``: numbers by key, of other starts.
+    """
+    keys = [
+        number.key
+        for candidate in candidates
+        if candidate.amplitudes and not candidate.channel
+        for number in candidate.free
+        if number.logarithmic and number.blow is None and number.key not in candidate.amplitudes
+    ]
+    found = [final]
+    for key in keys:
+        for x in _starts(final, key):
+            if not lasts(_OTHER_VALUES):
+                break
+            near = final if float(np.max(np.abs(x - final.x))) < _NEAR else None
+            with contextlib.suppress(ImpactscopeError):
+                found.append(fit(final.model, final.layout, x, settled=0.1, near=near))
+    for values in further:
+        if not lasts(_OTHER_VALUES):
+            break
+        x = np.array(
+            [f.to_inner(values.get(f.key, final.values[f.key])) for f in final.model.free]
+        )
+        with contextlib.suppress(ImpactscopeError):
+            found.append(fit(final.model, final.layout, x, settled=0.1))
+    best = min(found, key=lambda f: f.chi_square)
+    if best.chi_square > final.chi_square - _BETTER:
+        best = final
+    allowed = best.chi_square + _OPEN * max(1.0, best.reduced)
+    modes: list[Fit] = []
+    for mode in sorted(found, key=lambda f: f.chi_square):
+        if mode is best or mode.chi_square > allowed:
+            continue
+        if not any(_same(mode, other, keys) for other in (best, *modes)):
+            modes.append(mode)
+    return best, modes
+
+
+def _starts(final: Fit, key: str) -> Iterator[Array]:
+    """Starts to either side of a number, alone and with the others as its slope wants them.
+
+    What rings far above all motion shows its stiffness alone: only a start that keeps it leads
+    along such a valley.
+    """
+    j, frequency = final.model.index(key), key.endswith('.frequency')
+    lower, upper = final.model.bounds()
+    alone = np.zeros(final.x.size)
+    alone[j] = 1.0
+    covariance = final.covariance()
+    along = covariance[:, j] / covariance[j, j] if covariance[j, j] > 0.0 else alone
+    for factors, moves in (
+        (_ALONE_FREQUENCY if frequency else _ALONE, alone),
+        (_ALONG_FREQUENCY if frequency else _ALONG, along),
+    ):
+        for factor, sign in itertools.product(factors, (1.0, -1.0)):
+            yield np.clip(final.x + sign * math.log(factor) * moves, lower, upper)
+
+
+def _same(mode: Fit, other: Fit, keys: Sequence[str]) -> bool:
+    """Whether two fits stand in one minimum, as far as the numbers of a shape go."""
+    return all(abs(mode.values[k] - other.values[k]) <= _ALIKE * other.std(k) for k in keys)
+
+
+def widened(
+    parameters: Mapping[str, ParameterEstimate],
+    tag: str,
+    best: Fit,
+    modes: Sequence[Fit],
+    factors: Mapping[str, float],
+) -> dict[str, ParameterEstimate]:
+    """Estimates whose 95 % interval holds 95 % of what the recordings leave likely.
+
+    Args:
+        parameters: as the best fit has them.
+        tag: of their keys.
+        best: the final fit.
+        modes: other fits about as good, each weighed by its likelihood.
+        factors: by key, how many times less well a number is known than slopes say.
+    """
+    likely = [1.0, *(_likelihood(mode, best) for mode in modes)]
+    shares = [share / sum(likely) for share in likely]
+    result = dict(parameters)
+    for name, item in parameters.items():
+        key = f'{tag}.{name}'
+        if key not in best.values or isinstance(item.value, str) or not item.std > 0.0:
+            continue
+        std = factors.get(key, 1.0) * item.std
+        away = [0.0, *(abs(mode.values[key] - item.value) for mode in modes)]
+        result[name] = ParameterEstimate(item.value, _spread(std, away, shares), item.unit)
+    return result
+
+
+def _likelihood(mode: Fit, best: Fit) -> float:
+    worse = (mode.chi_square - best.chi_square) / max(1.0, best.reduced)
+    return math.exp(-0.5 * max(worse, 0.0))
+
+
+def _spread(std: float, away: Sequence[float], shares: Sequence[float]) -> float:
+    """Standard deviation whose 95 % interval holds that share of normal modes that far away."""
+    low, high = std, std + max(away)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        reach = _INTERVAL * middle
+        held = sum(
+            share * float(stats.norm.cdf(reach, d, std) - stats.norm.cdf(-reach, d, std))
+            for d, share in zip(away, shares, strict=True)
+        )
+        low, high = (low, middle) if held > _HELD else (middle, high)
+    return high

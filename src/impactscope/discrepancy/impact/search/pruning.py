@@ -1,0 +1,244 @@
+"""Pruning: findings that are not needed go; close rivals that do better take their place."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
+from impactscope.discrepancy.impact.candidates.candidate import Candidate, contains, kin_of
+from impactscope.discrepancy.impact.candidates.catalogue import candidates
+from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
+from impactscope.discrepancy.impact.models.bench_model import ImpactModel
+from impactscope.discrepancy.impact.search.outcome import (
+    Found,
+    Outcome,
+    evidence_for,
+    weigh,
+    with_findings,
+)
+from impactscope.discrepancy.impact.search.screening import Screening
+from impactscope.discrepancy.impact.search.strong_effects import (
+    from_within,
+    in_place_of,
+    with_its_numbers,
+)
+from impactscope.discrepancy.patience import lasts
+from impactscope.errors import ImpactscopeError
+
+__all__ = ['prune']
+
+_CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
+_RIVALS = 3  # that are
+_TIED = 8.0  # of the criterion, within which one explanation does as well as another
+_STARTS = 2  # of a relative
+_AS_STATED = 1.0  # standard deviations within which a number is the stated one
+_LOST = 2.0  # reduced chi-square, over that of a finding, of a fit that has lost its way
+_STUCK = 1.0  # of chi-square, less than which a fuller law has not left the plain one
+_PROMISING = 0.5  # of a finding's gain, from which a relative is fitted jointly
+
+
+def prune(
+    outcome: Outcome, thresholds: Thresholds, window: float, progress: Callable[[float, str], None]
+) -> None:
+    """Drop what is not needed once the others are there; swap what a close rival does better.
+
+    Decided in the shortest window that decides: where later contacts have amplified errors,
+    a model that lacks something cannot even be fitted.
+    """
+    done: set[str] = set()
+    while True:
+        left = [c for c in outcome.accepted if c.label not in done]
+        if not left:
+            break
+        candidate = left[-1] if len(left) == len(outcome.accepted) else left[0]
+        done.add(candidate.label)
+        progress(0.7 + 0.1 * len(done), f'without {candidate.label}')
+        rest = [c for c in outcome.accepted if c is not candidate]
+        kept = candidate.label in outcome.doubted
+        idle = rest and not kept
+        if idle and (
+            _as_stated(outcome.final, outcome.baseline.model, candidate)
+            or not _needed(outcome, candidate, rest, thresholds, window)
+        ):
+            outcome.accepted.remove(candidate)
+            outcome.final = with_findings(outcome, rest, outcome.final.layout)
+            continue
+        _swap(outcome, candidate, rest)
+    for candidate in tuple(outcome.accepted):  # others may have been swapped since
+        rest = [c for c in outcome.accepted if c is not candidate]
+        kept = candidate.label in outcome.doubted
+        if rest and not kept and _as_stated(outcome.final, outcome.baseline.model, candidate):
+            outcome.accepted.remove(candidate)
+            outcome.final = with_findings(outcome, rest, outcome.final.layout)
+
+
+def _as_stated(final: Fit, stated: ImpactModel, candidate: Candidate) -> bool:
+    """Whether a number that is said to be wrong is fitted as it was stated.
+
+    What it has gained came from elsewhere: a fit that had missed its minimum, or a short window
+    in which it stood in for what a longer one shows to be something else.
+    """
+    if candidate.name != 'wrong_parameter' or not candidate.free:
+        return False
+    priors = {f.key: f.prior for f in stated.free}
+    absent = candidate.amplitudes.get(candidate.parameter)
+    prior = priors.get(candidate.parameter) or (None if absent is None else (absent, 0.0))
+    if prior is None:
+        return False
+    mean, tolerance = prior
+    beside = math.hypot(final.std(candidate.parameter), tolerance)
+    return abs(final.values[candidate.parameter] - mean) < _AS_STATED * beside
+
+
+def _needed(
+    outcome: Outcome,
+    candidate: Candidate,
+    rest: list[Candidate],
+    thresholds: Thresholds,
+    shorter: float,
+) -> bool:
+    blows = outcome.final.model.data.fitted
+    for window in sorted({shorter, outcome.window}):
+        layout = outcome.final.model.layout(blows, window)
+        with_it = fit(outcome.final.model, layout, outcome.final.x, settled=0.1)
+        without = with_findings(outcome, rest, layout)
+        item = weigh(candidate, with_it, without, outcome.looks)
+        outcome.found[candidate.label] = item
+        if item.counts(thresholds.false_finding):
+            return True
+    return False
+
+
+def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate]) -> None:
+    """Fit close rivals of a finding over the whole window, and let the best one stand."""
+    mine = outcome.found[candidate.label]
+    close = [
+        r
+        for r in outcome.rivals.get(candidate.label, [])
+        if r.criterion < mine.criterion + _CLOSE
+        and r.candidate.label not in {c.label for c in rest}
+    ]
+    refitted = []
+    for rival in close[:_RIVALS]:
+        known = {**outcome.final.values, **rival.fit.values}
+        item = _instead(outcome, mine, rest, rival.candidate, known)
+        if item is not None:
+            refitted.append(item)
+    near = [f for f in (mine, *refitted) if f.criterion < mine.criterion + _TIED]
+    refitted += _relatives(outcome, mine, rest, near, {f.candidate.name for f in refitted})
+    refitted.sort(key=lambda f: f.criterion)
+    outcome.rivals[candidate.label] = refitted
+    if refitted and refitted[0].criterion < mine.criterion - 0.5:
+        best = refitted[0]
+        place = outcome.accepted.index(candidate)
+        outcome.accepted[place] = best.candidate
+        outcome.final = best.fit
+        outcome.found[best.candidate.label] = best
+        outcome.rivals[best.candidate.label] = [mine, *refitted[1:]]
+
+
+def _instead(
+    outcome: Outcome,
+    mine: Found,
+    rest: Sequence[Candidate],
+    candidate: Candidate,
+    known: Mapping[str, float],
+) -> Found | None:
+    """Another candidate in a finding's place, fitted over the whole window from known numbers."""
+    model = _model(outcome, (*rest, candidate))
+    layout = outcome.final.layout
+    x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
+    other: Fit | None = None
+    with contextlib.suppress(ImpactscopeError):
+        other = fit(model, layout, x, settled=0.1)
+    if other is None or other.reduced > _LOST * max(1.0, outcome.final.reduced):
+        nearer = in_place_of(outcome.final, _model(outcome, rest), candidate)
+        if nearer is not None and (other is None or nearer.chi_square < other.chi_square):
+            other = nearer
+    if other is not None and other.chi_square > outcome.final.chi_square + _CLOSE:
+        nearer = with_its_numbers(outcome.final, _model(outcome, rest), candidate)
+        if nearer is not None and nearer.chi_square < other.chi_square:
+            other = nearer
+    if contains(candidate, mine.candidate) and lasts('fuller laws from a finding'):
+        level = outcome.final.chi_square - _STUCK
+        if other is None or other.chi_square > level:
+            fuller = from_within(outcome.final, _model(outcome, rest), mine.candidate, candidate)
+            if fuller is not None and fuller.chi_square < level:
+                other = fuller
+    if other is None:
+        return None
+    worse, cost = _against(candidate, other, mine, outcome.final)
+    chance = family_p_value(mine.gain - worse, candidate.cost, outcome.looks)
+    return Found(candidate, other, mine.gain - worse, chance, mine.criterion + worse + cost)
+
+
+def _against(candidate: Candidate, other: Fit, found: Found, final: Fit) -> tuple[float, float]:
+    """What another candidate leaves more than a finding, and what it costs more.
+
+    A law that contains another one is asked whether chance would gain as much by its further
+    numbers, not whether these pay for all samples: of two laws of one kind neither is likelier
+    from the outset.
+    """
+    mine = found.candidate
+    least = Thresholds().false_finding
+    doubt = candidate.doubt - mine.doubt
+    more = candidate.cost - mine.cost
+    if contains(candidate, mine):
+        return -evidence_for(other, final), least_gain(more, 1, least) + doubt
+    if contains(mine, candidate):
+        return evidence_for(final, other), doubt - least_gain(-more, 1, least)
+    spread = max(1.0, min(other.reduced, final.reduced))
+    worse = (other.chi_square - final.chi_square) / spread
+    size = final.layout.size
+    dearer = candidate.price(found.gain - worse, size) - mine.price(found.gain, size)
+    return worse, dearer + doubt
+
+
+def _model(outcome: Outcome, chosen: Sequence[Candidate]) -> ImpactModel:
+    model = outcome.baseline.model
+    for candidate in chosen:
+        model = candidate.extend(model)
+    return model
+
+
+def _relatives(
+    outcome: Outcome,
+    mine: Found,
+    rest: Sequence[Candidate],
+    near: Sequence[Found],
+    fitted: set[str],
+) -> list[Found]:
+    """What is of one family with a finding, or with what does as well, and was not fitted yet.
+
+    A sharper law may need a start of its own, which the cheap order of candidates does not give.
+    """
+    wanted = {
+        (kin, f.candidate.channel)
+        for f in near
+        for kin in kin_of(f.candidate)
+        if kin not in fitted and kin != mine.candidate.name
+    }
+    taken = {c.label for c in outcome.accepted}
+    if not wanted or not lasts('relatives of what was found'):
+        return []
+    without = with_findings(outcome, rest, outcome.final.layout)
+    screening = Screening(without)
+    found = []
+    for candidate in candidates(without, ()):
+        if (candidate.name, candidate.channel) not in wanted or candidate.label in taken:
+            continue
+        tried = screening.best(candidate)
+        if not tried:
+            continue
+        best = screening.best_refined(tried[:_STARTS])
+        bent = without.reduced > _LOST and not candidate.channel
+        if best.gain < _PROMISING * mine.gain and not bent:
+            continue  # tried at numbers that are bent, a trial says nothing of a force
+        item = _instead(outcome, mine, rest, candidate, best.model.values(best.x))
+        if item is not None:
+            found.append(item)
+    return found

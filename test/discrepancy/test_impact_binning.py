@@ -1,0 +1,75 @@
+"""Which samples of a channel count: those that a coarse converter rounds, not those cut off."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.impact.data.binning import BinnedChannel, _clipping, binned
+
+RATE, STEP = 10_000.0, 0.33
+
+
+def force(limit: float) -> ChannelSamples:
+    """A blow of 100 N and 30 ms on a coarse converter, maybe cut off."""
+    time = np.arange(4000) / RATE
+    share = np.clip((time - 0.1) / 0.03, 0.0, 1.0)
+    noise = 0.05 * np.random.default_rng(12).standard_normal(time.size)
+    values = np.minimum(100.0 * np.sin(np.pi * share) + noise, limit)
+    return ChannelSamples('force', 'N', RATE, 0.0, STEP * np.round(values / STEP))
+
+
+def test_a_round_top_on_a_coarse_converter_is_not_cut_off():
+    channel = force(math.inf)
+    assert _clipping(channel.values, channel, 8, STEP) == math.inf
+
+
+@pytest.mark.parametrize('limit', [95.0, 80.0, 40.0])
+def test_a_flat_top_is(limit):
+    channel = force(limit)
+    found = _clipping(channel.values, channel, 8, STEP)
+    assert found == pytest.approx(limit, abs=STEP)
+
+
+ONSET = 0.1
+
+
+def ringing(rate: float, *, knocked_at: float = math.inf) -> BinnedChannel:
+    """A force that rings at 30 Hz from 0.1 s on, maybe with a knock of 0.2 ms beside it."""
+    time = np.arange(round(0.6 * rate)) / rate
+    since = np.maximum(time - ONSET, 0.0)
+    values = 50.0 * np.exp(-5.0 * since) * np.sin(2 * np.pi * 30.0 * since)
+    knock = np.clip((time - knocked_at) / 2e-4, 0.0, 1.0) if math.isfinite(knocked_at) else 0.0
+    values = values + 80.0 * np.sin(np.pi * knock)
+    values += 0.05 * np.random.default_rng(13).standard_normal(time.size)
+    channel = ChannelSamples('force', 'N', rate, 0.0, values)
+    return binned(channel, (ONSET, 2.0, 4.0), 0.05, None, coarse=True)
+
+
+def test_a_faster_converter_makes_no_more_bins():
+    slow, fast = ringing(10_000.0), ringing(100_000.0)
+    assert fast.means.size < 2.1 * slow.means.size  # 50 us where 100 us are one sample
+    assert int(np.sum(fast.counts)) == fast.samples.size
+    assert float(np.median(fast.std)) < 0.5 * float(np.median(slow.std))
+    # up to 30 kHz every sample of a first contact counts on its own
+    first = (slow.centres > ONSET) & (slow.centres < ONSET + 0.02)
+    assert set(slow.counts[first]) == {1}
+
+
+def test_what_is_quick_is_followed_sample_by_sample():
+    fast = ringing(100_000.0, knocked_at=0.4)
+    near = np.abs(fast.centres - 0.4001) < 5e-4
+    assert set(fast.counts[near]) == {1}
+
+
+def test_bins_of_several_channels_are_the_same():
+    smooth, knocked = ringing(51_200.0), ringing(51_200.0, knocked_at=0.3003)
+    every = np.union1d(smooth.nodes, knocked.nodes)
+    alone = np.count_nonzero(knocked.counts == 1)
+    assert every.size <= max(smooth.nodes.size, knocked.nodes.size) + 2 * alone
+    after = smooth.centres > 0.32
+    again = knocked.centres > 0.32
+    np.testing.assert_array_equal(smooth.centres[after], knocked.centres[again])

@@ -1,0 +1,108 @@
+"""Slopes of a fit whose residuals jump: a contact that a step brings to the other side."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.impact.fits.least_squares import (
+    at_point,
+    exact_slopes,
+    fit,
+    jacobian,
+    settled,
+)
+from impactscope.discrepancy.impact.models.bench_model import Free, Layout
+
+SIZE = 400
+
+
+@dataclasses.dataclass(eq=False)
+class Bounce:
+    """Two numbers that residuals hardly part, and samples that jump once the first has grown."""
+
+    jump: float
+    edge: float
+    seed: int = 3
+    steps: dict[str, float] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self):
+        rng = np.random.default_rng(self.seed)
+        self.noise = rng.standard_normal(SIZE)
+        self.a = rng.standard_normal(SIZE) * 4.0
+        self.b = self.a + 0.3 * rng.standard_normal(SIZE)
+        self.free = (Free('one', 0.0, 10.0), Free('two', 0.0, 10.0))
+
+    def start(self):
+        return np.zeros(2)
+
+    def bounds(self):
+        return np.full(2, -math.inf), np.full(2, math.inf)
+
+    def scales(self):
+        return np.full(2, 10.0)
+
+    def values(self, x):
+        return {f.key: float(v) for f, v in zip(self.free, x, strict=True)}
+
+    def prior_residuals(self, values, layout):
+        return np.zeros(2)
+
+    def blow_residuals(self, values, i, layout):
+        left = self.noise - self.a * values['one'] - self.b * values['two']
+        left[:5] += self.jump * (values['one'] > self.edge)
+        return left
+
+    def residuals(self, x, layout):
+        values = self.values(x)
+        return np.append(self.blow_residuals(values, 0, layout), self.prior_residuals(values, 0))
+
+
+LAYOUT = Layout((0,), {}, {}, {0: slice(0, SIZE)}, {0: 1.0}, SIZE)
+
+
+@pytest.fixture
+def bounce():
+    return Bounce(jump=1.5, edge=0.012)
+
+
+def test_slopes_leave_out_what_jumps_on_the_way(bounce):
+    found = at_point(bounce, LAYOUT, np.zeros(2))
+    true = -np.stack([bounce.a, bounce.b], axis=1)
+    rough = jacobian(bounce, found.x, LAYOUT, found.residuals)[:SIZE]
+    assert np.max(np.abs(rough - true)) > 5.0
+    assert np.allclose(exact_slopes(found)[:SIZE], true, atol=1e-6)
+
+
+def test_stated_uncertainty_is_that_of_the_scatter():
+    estimates, stated = [], []
+    for seed in range(60):
+        bounce = Bounce(jump=1.5, edge=0.012, seed=seed)
+        found = settled(fit(bounce, LAYOUT))
+        estimates.append(found.x[0])
+        stated.append(found.std('one'))
+    scatter = float(np.sqrt(np.mean(np.square(estimates))))
+    assert float(np.mean(stated)) == pytest.approx(scatter, rel=0.3)
+
+
+def test_a_settled_fit_is_at_the_bottom_of_its_minimum():
+    bounce = Bounce(jump=0.0, edge=1.0)
+    start = at_point(bounce, LAYOUT, np.array([0.05, -0.02]))
+    best = settled(start)
+    design = np.stack([bounce.a, bounce.b], axis=1)
+    assert best.x == pytest.approx(np.linalg.lstsq(design, bounce.noise, rcond=None)[0])
+    assert best.chi_square < start.chi_square
+
+
+def test_what_one_fit_learns_of_a_model_changes_no_other(bounce):
+    start = np.array([0.02, -0.01])
+    slopes = jacobian(bounce, start, LAYOUT, bounce.residuals(start, LAYOUT))
+    found = fit(bounce, LAYOUT, start)
+    assert found.model.steps
+    assert not bounce.steps
+    again = jacobian(bounce, start, LAYOUT, bounce.residuals(start, LAYOUT))
+    assert np.array_equal(slopes, again)
+    assert np.array_equal(fit(bounce, LAYOUT, start).x, found.x)

@@ -1,0 +1,86 @@
+"""What a measuring chain does to simulated channels: filters before and after sampling."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact.models.measuring_chain import _ahead
+
+RATE = 80_000.0  # Hz, of the moments
+EXACT = 8e6  # Hz, at which bilinear and analogue filters are one
+
+
+def contact(time):
+    """A contact of 1 ms, as steep as bare metal is."""
+    inside = (time > 0.01) & (time < 0.011)
+    return np.where(inside, np.clip(np.sin(np.pi * (time - 0.01) / 1e-3), 0.0, None) ** 1.5, 0.0)
+
+
+@pytest.mark.parametrize('order', [1, 2, 3, 4])
+@pytest.mark.parametrize('cutoff', [1500.0, 5000.0, 15_000.0, 100_000.0])
+def test_an_analogue_filter_is_right_whatever_its_cutoff(order, cutoff):
+    fine = contact(np.arange(0.0, 0.02, 1.0 / EXACT))
+    sections = signal.butter(order, cutoff, fs=EXACT, output='sos')
+    expected = signal.sosfilt(sections, fine)[:: round(EXACT / RATE)]
+    course = contact(np.arange(expected.size) / RATE)
+    found = _ahead(course, RATE, {'order': order, 'cutoff': cutoff, 'zero_phase': 0})
+    assert np.max(np.abs(found - expected)) < 1.5e-3
+    assert np.sqrt(np.mean((found - expected)[800:900] ** 2)) < 2.5e-4
+
+
+@pytest.mark.parametrize('order', [1, 2, 4])
+@pytest.mark.parametrize('cutoff', [350.0, 1500.0, 15_000.0])
+def test_a_filter_without_a_phase_runs_before_samples_are_thinned_out(order, cutoff):
+    fine = contact(np.arange(0.0, 0.02, 1.0 / EXACT))
+    sections = signal.butter(order, cutoff, fs=EXACT, output='sos')
+    expected = signal.sosfiltfilt(sections, fine)[:: round(EXACT / RATE)]
+    course = contact(np.arange(expected.size) / RATE)
+    found = _ahead(course, RATE, {'order': order, 'cutoff': cutoff, 'zero_phase': 1})
+    assert np.max(np.abs(found - expected)) < 1.5e-3
+
+
+def test_a_load_that_stays_passes_an_analogue_filter():
+    found = _ahead(np.full(50, 3.0), RATE, {'order': 4, 'cutoff': 20_000.0, 'zero_phase': 0})
+    assert found == pytest.approx(np.full(50, 3.0), abs=1e-9)
+
+
+def test_what_lies_beyond_the_filter_does_nothing():
+    course = contact(np.arange(0.0, 0.02, 1.0 / RATE))
+    found = _ahead(course, RATE, {'order': 2, 'cutoff': 50.0 * RATE, 'zero_phase': 0})
+    assert np.max(np.abs(found - course)) < 0.01
+
+
+def resampled(campaign, channel, rate, cutoff):
+    """A campaign with one channel filtered at its own rate, then all taken at a lower one."""
+    recordings = []
+    for recording in campaign.recordings:
+        channels = {}
+        for name, held in recording.channels.items():
+            values = np.asarray(held.values, dtype=np.float64)
+            if name == channel:
+                sections = signal.butter(2, cutoff, fs=held.sample_rate, output='sos')
+                start = signal.sosfilt_zi(sections) * values[0]
+                values = signal.sosfilt(sections, values, zi=start)[0]
+            every = round(held.sample_rate / rate)
+            channels[name] = dataclasses.replace(
+                held, values=values[::every], sample_rate=held.sample_rate / every
+            )
+        recordings.append(dataclasses.replace(recording, channels=channels))
+    return dataclasses.replace(campaign, recordings=tuple(recordings))
+
+
+@pytest.mark.slow
+def test_a_filter_above_half_the_sampling_rate_is_listed(make_campaign):
+    campaign = resampled(make_campaign(47, rate=20_000.0), 'force', 2500.0, 1500.0)
+    answer = explain(campaign)
+    assert answer.accepted
+    named = {answer.ranking[0].name, *answer.ranking[0].confused_with}
+    assert named >= {'low_pass_filter'}
+    filters = [r for r in answer.ranking if r.name == 'low_pass_filter']
+    assert filters
+    assert float(filters[0].parameters['cutoff'].value) == pytest.approx(1500.0, rel=0.3)

@@ -1,0 +1,98 @@
+"""What rings has minima all over the spectrum: its frequency is scanned."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.impact.candidates.catalogue import candidates
+from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
+from impactscope.discrepancy.impact.fits.least_squares import at_point, fit
+from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.search import forward_backward as searching
+from impactscope.discrepancy.impact.search.other_minima import other_modes, rung
+from impactscope.discrepancy.impact.search.outcome import Outcome
+from impactscope.discrepancy.impact.search.profile_likelihood import profiled
+from impactscope.discrepancy.patience import patient
+from impactscope.physics.twin.assembly import Effect
+
+
+@pytest.fixture(scope='module')
+def ringing(make_campaign):
+    """A fixture that rings at 110 Hz: the fit without it, and the candidate."""
+    numbers = {'frequency': 110.0, 'mass': 25.0, 'damping_ratio': 0.03}
+    campaign = make_campaign(64, [Effect('base_compliance', numbers)])
+    without = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    listed = candidates(without, campaign.baseline_names)
+    return without, next(c for c in listed if c.name == 'base_compliance')
+
+
+def test_a_scan_shows_where_a_part_rings(ringing):
+    without, fixture = ringing
+    found = rung(without, fixture)
+    assert 1 <= len(found) <= 3
+    assert found[0]['base_compliance.frequency'] == pytest.approx(110.0, rel=0.05)
+    assert set(found[0]) >= {f.key for f in without.model.free}
+
+
+def test_a_fit_at_a_wrong_frequency_finds_the_right_one(ringing):
+    without, fixture = ringing
+    model = fixture.extend(without.model)
+    wrong = {
+        **without.values,
+        'base_compliance.frequency': 300.0,
+        'base_compliance.mass': 5.0,
+        'base_compliance.damping_ratio': 0.03,
+    }
+    x = np.array([f.to_inner(wrong.get(f.key, f.start)) for f in model.free])
+    astray = fit(model, without.layout, x)
+    assert abs(astray.values['base_compliance.frequency'] / 110.0 - 1.0) > 0.2
+    best, _ = other_modes(astray, [fixture], rung(without, fixture))
+    assert best.chi_square < astray.chi_square - 9.0
+    assert best.values['base_compliance.frequency'] == pytest.approx(110.0, rel=0.03)
+
+
+def test_other_values_are_left_out_once_the_time_is_over(ringing):
+    without, fixture = ringing
+    model = fixture.extend(without.model)
+    known = {**without.values, **fixture.starts[0]}
+    x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
+    here = at_point(model, without.layout, x)
+    with patient(0.0) as patience:
+        assert other_modes(here, [fixture], [known]) == (here, [])
+        best, factors = profiled(here, [fixture])
+    assert best is here
+    assert set(factors.values()) == {1.0}
+    left_out = ['other values of what was found', 'how far its numbers may go']
+    assert list(patience.left_out) == left_out
+
+
+def test_what_has_no_frequency_is_not_scanned(ringing):
+    without, fixture = ringing
+    still = dataclasses.replace(fixture, free=fixture.free[1:])
+    assert rung(without, still) == []
+
+
+@pytest.mark.parametrize(('fallen', 'times'), [(500.0, 2), (1.0, 1)])
+def test_findings_are_pruned_again_beside_numbers_that_turned_out_otherwise(
+    monkeypatch, fallen, times
+):
+    finding = SimpleNamespace(free=(), channel='')
+    first = SimpleNamespace(model=None, layout=None, x=None, chi_square=2000.0)
+    better = SimpleNamespace(model=None, layout=None, x=None, chi_square=2000.0 - fallen)
+    outcome = Outcome(first, first, [finding, finding])
+    pruned = []
+    monkeypatch.setattr(searching, 'prune', lambda *_: pruned.append(1))
+    monkeypatch.setattr(searching, 'fit', lambda *_, **__: first)
+    monkeypatch.setattr(searching, 'settled', lambda f: f)
+    monkeypatch.setattr(searching, 'other_modes', lambda *_: (better, []))
+    monkeypatch.setattr(searching, 'profiled', lambda f, _: (f, {}))
+    search = searching.Search(())
+    monkeypatch.setattr(search, '_bare', lambda _: None)
+    search._finished(outcome)
+    assert len(pruned) == times
+    assert outcome.final is better

@@ -1,0 +1,69 @@
+"""Work in threads, results that are kept, and residuals by compiled code."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.models.result_cache import ResultCache
+from impactscope.discrepancy.side_by_side import side_by_side
+
+
+def test_results_come_in_the_order_of_the_items():
+    assert side_by_side(lambda i: i * i, range(20)) == [i * i for i in range(20)]
+
+
+def test_work_within_work_stays_in_its_thread():
+    def outer(_: int) -> bool:
+        inner = side_by_side(lambda _: threading.get_ident(), range(4))
+        return set(inner) == {threading.get_ident()}
+
+    assert all(side_by_side(outer, range(8)))
+
+
+def test_an_error_of_any_piece_of_work_is_raised():
+    with pytest.raises(ZeroDivisionError):
+        side_by_side(lambda i: 1 / i, [1, 2, 0])
+
+
+def test_what_was_not_used_for_the_longest_is_not_kept():
+    kept: ResultCache[int] = ResultCache(2)
+    kept.keep('a', 1)
+    kept.keep('b', 2)
+    assert kept.get('a') == 1
+    kept.keep('c', 3)
+    assert kept.get('b') is None
+    assert (kept.get('a'), kept.get('c')) == (1, 3)
+
+
+def test_threads_may_share_what_is_kept():
+    kept: ResultCache[int] = ResultCache(3)
+
+    def use(i: int) -> bool:
+        for k in range(500):
+            kept.keep(k % 7, k % 7)
+            if kept.get((k + i) % 7) not in (None, (k + i) % 7):
+                return False
+        return True
+
+    assert all(side_by_side(use, range(4)))
+
+
+def test_compiled_residuals_are_those_of_the_means(make_campaign):
+    campaign = make_campaign(5)
+    model = baseline_model(campaign, prepare(campaign))
+    layout = model.layout(model.data.fitted, 0.2)
+    values = model.values(model.start())
+    for i in layout.blows:
+        prediction = model.predict(values, i)
+        parts = []
+        for name, channel in model.data.blows[i].channels.items():
+            mask = layout.masks[i, name]
+            residual = (channel.means - prediction.means[name])[mask] / channel.std[mask]
+            parts.append(model.whitened(residual, i, name, layout))
+        wanted = np.concatenate(parts)
+        np.testing.assert_allclose(model.blow_residuals(values, i, layout), wanted, atol=1e-8)
