@@ -25,7 +25,7 @@ from impactscope.discrepancy.impact.fits.least_squares import at_point, fit
 from impactscope.discrepancy.impact.fits.start_values import cold_starts, place
 from impactscope.discrepancy.impact.models.baseline import baseline_model, with_metal_that_lets_go
 from impactscope.discrepancy.impact.search.outcome import settled_without
-from impactscope.discrepancy.patience import patient
+from impactscope.discrepancy.time_limit import time_limited
 from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import BareContact
 
@@ -95,7 +95,7 @@ def test_no_other_starts_are_tried_once_the_time_is_over(make_campaign):
     contact = BareContact(1e8, restitution=0.7)
     campaign = make_campaign(43, bare=contact, baseline=BARE, rate=5000.0)
     short = begun(baseline_model(campaign, prepare(campaign)))
-    with patient(0.0) as patience:
+    with time_limited(0.0) as patience:
         assert _by_other_ways(short, short) is short
     assert list(patience.left_out) == ['other starts of the baseline']
 

@@ -17,7 +17,7 @@ from impactscope.discrepancy.impact.search import forward_backward as searching
 from impactscope.discrepancy.impact.search.other_minima import other_modes, rung
 from impactscope.discrepancy.impact.search.outcome import Outcome
 from impactscope.discrepancy.impact.search.profile_likelihood import profiled
-from impactscope.discrepancy.patience import patient
+from impactscope.discrepancy.time_limit import time_limited
 from impactscope.physics.twin.assembly import Effect
 
 
@@ -62,13 +62,13 @@ def test_other_values_are_left_out_once_the_time_is_over(ringing):
     known = {**without.values, **fixture.starts[0]}
     x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
     here = at_point(model, without.layout, x)
-    with patient(0.0) as patience:
+    with time_limited(0.0) as limit:
         assert other_modes(here, [fixture], [known]) == (here, [])
         best, factors = profiled(here, [fixture])
     assert best is here
     assert set(factors.values()) == {1.0}
     left_out = ['other values of what was found', 'how far its numbers may go']
-    assert list(patience.left_out) == left_out
+    assert list(limit.left_out) == left_out
 
 
 def test_what_has_no_frequency_is_not_scanned(ringing):

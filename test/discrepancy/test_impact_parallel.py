@@ -10,24 +10,24 @@ import pytest
 from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.discrepancy.impact.models.result_cache import ResultCache
-from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.discrepancy.parallel import in_parallel
 
 
 def test_results_come_in_the_order_of_the_items():
-    assert side_by_side(lambda i: i * i, range(20)) == [i * i for i in range(20)]
+    assert in_parallel(lambda i: i * i, range(20)) == [i * i for i in range(20)]
 
 
 def test_work_within_work_stays_in_its_thread():
     def outer(_: int) -> bool:
-        inner = side_by_side(lambda _: threading.get_ident(), range(4))
+        inner = in_parallel(lambda _: threading.get_ident(), range(4))
         return set(inner) == {threading.get_ident()}
 
-    assert all(side_by_side(outer, range(8)))
+    assert all(in_parallel(outer, range(8)))
 
 
 def test_an_error_of_any_piece_of_work_is_raised():
     with pytest.raises(ZeroDivisionError):
-        side_by_side(lambda i: 1 / i, [1, 2, 0])
+        in_parallel(lambda i: 1 / i, [1, 2, 0])
 
 
 def test_what_was_not_used_for_the_longest_is_not_kept():
@@ -50,7 +50,7 @@ def test_threads_may_share_what_is_kept():
                 return False
         return True
 
-    assert all(side_by_side(use, range(4)))
+    assert all(in_parallel(use, range(4)))
 
 
 def test_compiled_residuals_are_those_of_the_means(make_campaign):

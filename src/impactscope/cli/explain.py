@@ -12,7 +12,7 @@ from rich.table import Table
 
 from impactscope.cli.console import Bar, out
 from impactscope.cli.options import Json
-from impactscope.discrepancy.patience import WITHIN_S
+from impactscope.discrepancy.time_limit import WITHIN_S
 
 if TYPE_CHECKING:
     from impactscope.discrepancy.answer import Answer

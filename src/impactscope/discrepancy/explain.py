@@ -16,8 +16,8 @@ from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.systems.linear_baseline import LINEAR
 from impactscope.discrepancy.impact import explain_impact
 from impactscope.discrepancy.impact.models.baseline import STRUCTURE
-from impactscope.discrepancy.patience import patient
 from impactscope.discrepancy.single_thread import single_threaded
+from impactscope.discrepancy.time_limit import time_limited
 from impactscope.errors import ConfigurationError
 from impactscope.physics.mechanisms.registry import all_mechanisms
 
@@ -71,7 +71,7 @@ def explain(
         campaign = dataclasses.replace(campaign, baseline=items)
     check_baseline(campaign)
     started = time.perf_counter()
-    with single_threaded(), patient(within_s) as patience:
+    with single_threaded(), time_limited(within_s) as limit:
         if campaign.kind is CampaignKind.IMPACT:
             answer = explain_impact(campaign, tell)
         else:
@@ -82,9 +82,9 @@ def explain(
         for finding in answer.ranking
     )
     elapsed = time.perf_counter() - started
-    notes = (*answer.notes, *patience.told)
+    notes = (*answer.notes, *limit.told)
     said = answer.unexplained_description
-    if answer.unexplained and patience.left_out:
+    if answer.unexplained and limit.left_out:
         said += _CUT_SHORT
     return dataclasses.replace(
         answer,

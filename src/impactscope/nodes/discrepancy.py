@@ -16,7 +16,7 @@ from impactscope.campaign_files import load_campaign
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.patience import WITHIN_S
+from impactscope.discrepancy.time_limit import WITHIN_S
 from impactscope.errors import ConfigurationError, ImpactscopeError
 from impactscope.nodes import qos
 from impactscope.nodes.base import StageNode

@@ -49,7 +49,7 @@ from impactscope.discrepancy.driven.systems.prescribed_motion import (
     PrescribedModel,
     one_speed_told,
 )
-from impactscope.discrepancy.patience import lasts
+from impactscope.discrepancy.time_limit import time_left
 
 __all__ = ['explain_driven']
 
@@ -116,7 +116,9 @@ def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress
     unknown = answer is not None and answer.accepted == ('unknown',)
     if answer is not None and sure and not (unknown and _modal(campaign, parts)):
         return answer
-    if answer is not None and not lasts('a search that does not take all that is left for noise'):
+    if answer is not None and not time_left(
+        'a search that does not take all that is left for noise'
+    ):
         return answer
     baseline = with_known(campaign, model, segments, linear)
     judge = Judge(segments, len({t.name for t in model.terms}))
@@ -163,7 +165,7 @@ def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress
         tell(0.85, 'searching to the noise')
         seed = outcome.best if outcome.believed else None
         exact, sure = None, False
-        if lasts('a search to the noise'):
+        if time_left('a search to the noise'):
             exact, sure = mass_answer(campaign, begun, tell, seed)
         if (
             exact is not None

@@ -53,7 +53,7 @@ from impactscope.discrepancy.driven.systems.slow_noise import (
     whitened_logarithm,
     without_slow_effects,
 )
-from impactscope.discrepancy.patience import lasts
+from impactscope.discrepancy.time_limit import time_left
 
 __all__ = ['Progress', 'chain_answer', 'mass_answer', 'motion_answer', 'plate_answer']
 
@@ -183,7 +183,7 @@ def mass_answer(
         return driven_mass_case(whole, model, segments, linear, held=held, found=(before, found))
 
     answer, outcome, sure = _repeated(campaign, case, anew, notes, tell, seed)
-    if held and (answer.unexplained or not sure) and lasts('noise of the force'):
+    if held and (answer.unexplained or not sure) and time_left('noise of the force'):
         noisy = _with_noise_of_the_force(campaign, case, outcome.best, whole, notes, tell)
         if noisy is not None:
             return noisy, True
@@ -431,7 +431,7 @@ def _repeated(
             break  # noise of a colour is all that there is
         if erred and _errs(answer):
             break  # knowing the noise better does not help
-        if not lasts('the noise judged anew by what was found'):
+        if not time_left('the noise judged anew by what was found'):
             break
         erred = _errs(answer)
         again = anew(case, outcome.best)

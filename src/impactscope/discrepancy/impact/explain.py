@@ -52,8 +52,8 @@ from impactscope.discrepancy.impact.search.baseline_conventions import (
 from impactscope.discrepancy.impact.search.forward_backward import Search
 from impactscope.discrepancy.impact.search.outcome import Outcome, with_findings
 from impactscope.discrepancy.locate import locate
-from impactscope.discrepancy.patience import lasts
-from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.time_limit import time_left
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
 __all__ = ['explain_impact', 'with_direct']
@@ -154,10 +154,10 @@ def _searched(
     outcome = search.run(with_later_cuts(baseline))
     others = other_conventions(outcome.final) if like is None else []
     left = bool(others) and _left(outcome, thresholds)
-    if (left or outcome.accepted) and others and not lasts(_OTHER_WAYS):
+    if (left or outcome.accepted) and others and not time_left(_OTHER_WAYS):
         others, left = [], False
     if left:
-        fits = side_by_side(lambda m: fit_baseline(with_conventions_of(baseline.model, m)), others)
+        fits = in_parallel(lambda m: fit_baseline(with_conventions_of(baseline.model, m)), others)
         other = functools.reduce(further, fits)
         if _same(other, baseline):
             if outcome.accepted:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from impactscope.discrepancy.driven.models.model import Segment
-from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.discrepancy.parallel import in_parallel
 
 __all__ = ['by_recording']
 
@@ -27,6 +27,6 @@ def by_recording(
     groups: dict[str, list[int]] = {}
     for i in chosen:
         groups.setdefault(segments[i].recording, []).append(i)
-    parts = side_by_side(lambda group: [(i, work(i)) for i in group], list(groups.values()))
+    parts = in_parallel(lambda group: [(i, work(i)) for i in group], list(groups.values()))
     made = dict(pair for part in parts for pair in part)
     return [made[i] for i in chosen]

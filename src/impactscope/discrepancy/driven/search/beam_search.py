@@ -25,7 +25,7 @@ from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit,
 from impactscope.discrepancy.driven.model_selection.model_comparison import Judge, noise_share
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
-from impactscope.discrepancy.patience import lasts
+from impactscope.discrepancy.time_limit import time_left
 
 __all__ = ['MOST_NUMBERS', 'Effort', 'Outcome', 'prune', 'search']
 
@@ -223,7 +223,7 @@ def search(
     fits = _Fits(model, segments, baseline, start)
     beam = [baseline]
     for depth in range(effort.depth):
-        if depth and not lasts('further effects'):
+        if depth and not time_left('further effects'):
             break
         grown: list[Fit] = []
         for base in beam:

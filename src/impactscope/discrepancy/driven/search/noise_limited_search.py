@@ -40,7 +40,7 @@ from impactscope.discrepancy.driven.search.screening import (
     refined_start,
     screened,
 )
-from impactscope.discrepancy.patience import lasts
+from impactscope.discrepancy.time_limit import time_left
 
 __all__ = ['noise_limited_search']
 
@@ -89,7 +89,7 @@ def noise_limited_search(
             beam = [start]
             fits.look_around(start)
     for depth in range(DEPTH):
-        if depth and not lasts('further effects'):
+        if depth and not time_left('further effects'):
             break
         grown: list[Fit] = []
         for base in beam:

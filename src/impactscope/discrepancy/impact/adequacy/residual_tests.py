@@ -39,7 +39,7 @@ from impactscope.discrepancy.impact.data.blows import BlowData
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit, projector
 from impactscope.discrepancy.impact.noise.coloured_noise import slowest_seen
 from impactscope.discrepancy.impact.noise.whitening import whitener
-from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.discrepancy.parallel import in_parallel
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms
 
@@ -400,7 +400,7 @@ def _mechanisms(fit: Fit) -> Array:
         if c.amplitudes and not c.channel and c.name != 'wrong_parameter'
     ]
     found = []
-    for signature in side_by_side(lambda c: _signature(fit, c), acting):
+    for signature in in_parallel(lambda c: _signature(fit, c), acting):
         if signature is None:
             continue
         for span in layout.blow_spans.values():

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel, Layout
-from impactscope.discrepancy.patience import lasts
-from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
 __all__ = [
@@ -128,7 +128,7 @@ def jacobian(
             step = -step
         return _change(model, layout, x, residuals, j, step)
 
-    for j, changed in zip(wanted, side_by_side(column, wanted), strict=True):
+    for j, changed in zip(wanted, in_parallel(column, wanted), strict=True):
         result[:, j] = changed
     return result
 
@@ -166,7 +166,7 @@ def exact_slopes(found: Fit) -> Array:
     def column(j: int) -> Array | None:
         return exact_slope(found, j, float(norms[j]))
 
-    for j, changed in zip(wanted, side_by_side(column, wanted), strict=True):
+    for j, changed in zip(wanted, in_parallel(column, wanted), strict=True):
         if changed is not None:
             result[:, j] = changed
     return result
@@ -227,7 +227,7 @@ def settled(found: Fit) -> Fit:
     lower, upper = found.model.bounds()
     best = dataclasses.replace(found, slopes=exact_slopes(found))
     for again in range(_ROUNDS):
-        if again and not lasts('the last digits of the numbers'):
+        if again and not time_left('the last digits of the numbers'):
             break
         slopes, residuals = best.jacobian, best.residuals
         gradient = slopes.T @ residuals

@@ -26,7 +26,7 @@ from impactscope.discrepancy.impact.data.blows import BlowData
 from impactscope.discrepancy.impact.fits.least_squares import Fit
 from impactscope.discrepancy.impact.noise.coloured_noise import Colour
 from impactscope.discrepancy.impact.noise.whitening import whitener
-from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.discrepancy.parallel import in_parallel
 
 __all__ = ['likelier', 'noise_left']
 
@@ -220,7 +220,7 @@ def _slower(stretches: list[_Stretch], known: Colour, rate: float) -> Colour | N
     least = _likelihood(stretches, known) + 0.5 * _GAIN
     for _ in range(_ADDED):
         added = functools.partial(_levelled, stretches, found, known.std**2, rate)
-        tried = side_by_side(added, list(_shapes(longest * rate)))
+        tried = in_parallel(added, list(_shapes(longest * rate)))
         best = max([(reached, found), *tried], key=lambda t: t[0])
         if 2.0 * (best[0] - reached) < _GAIN:
             break

@@ -33,7 +33,7 @@ from impactscope.discrepancy.impact.models.measuring_chain import (
 from impactscope.discrepancy.impact.models.result_cache import ResultCache
 from impactscope.discrepancy.impact.models.standardised_residuals import standardised
 from impactscope.discrepancy.impact.noise.whitening import Whitener, whitener
-from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.discrepancy.parallel import in_parallel
 from impactscope.physics.mechanisms.registry import mechanism
 from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.assembly import Effect, assemble
@@ -266,7 +266,7 @@ class ImpactModel:
         """Measured minus simulated over the noise, then the priors; shape (size + n_free,)."""
         values = self.values(x)
         out = np.empty(layout.size + len(self.free))
-        parts = side_by_side(lambda i: self.blow_residuals(values, i, layout), layout.blows)
+        parts = in_parallel(lambda i: self.blow_residuals(values, i, layout), layout.blows)
         for i, part in zip(layout.blows, parts, strict=True):
             out[layout.blow_spans[i]] = part
         out[layout.size :] = self.prior_residuals(values, layout)

@@ -27,8 +27,8 @@ from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
 from impactscope.discrepancy.impact.models.bench_parameters import LARGE_ANGLES, LOSS_OF, LOSSES
 from impactscope.discrepancy.impact.search.outcome import QUIET
-from impactscope.discrepancy.patience import lasts
-from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['conventions_told', 'other_conventions', 'with_conventions_of', 'with_likelier']
@@ -89,7 +89,7 @@ def with_likelier(baseline: Fit) -> Fit:
     if follows_all(best):
         return best
     most = max(_SOUND, best.reduced)
-    for other in side_by_side(lambda model: _followed(model, most), others):
+    for other in in_parallel(lambda model: _followed(model, most), others):
         if other.reduced < _SOUND:
             best = further(best, other)
     return best if best.reduced < QUIET else _by_first_bounces(best)
@@ -101,9 +101,9 @@ def _by_first_bounces(best: Fit) -> Fit:
     Where late ones amplify something that is missing, either choice may be bent to meet them.
     """
     models = [best.model, *other_conventions(best)]
-    if len(models) < 2 or not lasts('conventions by the first bounces'):
+    if len(models) < 2 or not time_left('conventions by the first bounces'):
         return best
-    short = side_by_side(_begun_or_none, models)
+    short = in_parallel(_begun_or_none, models)
     for window in _FIRST_BOUNCES:
         grown = [None if s is None else follow(s, window) for s in short]
         sound = [g for g in grown if g is not None and g.layout.window >= window]

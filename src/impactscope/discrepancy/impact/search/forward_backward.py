@@ -51,8 +51,8 @@ from impactscope.discrepancy.impact.search.pruning import prune
 from impactscope.discrepancy.impact.search.screening import Screening, Trial
 from impactscope.discrepancy.impact.search.strong_effects import from_first_contact, from_taps
 from impactscope.discrepancy.impact.search.time_offsets import with_late_channel
-from impactscope.discrepancy.patience import lasts
-from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.mechanism import Subsystem
 
@@ -103,7 +103,7 @@ class Search:
     def run(self, baseline: Fit) -> Outcome:
         """Search from a fitted baseline on."""
         outcome = self._searched(*self._structure(baseline))
-        if outcome.final.reduced > LOST and lasts('another start'):
+        if outcome.final.reduced > LOST and time_left('another start'):
             cold = self._from_cold(baseline)
             if cold is not None:
                 again = self._searched(*cold)
@@ -154,7 +154,7 @@ class Search:
             outcome.window = self.fits.window = window
             current = fuller(current, outcome, self.thresholds.false_finding, sound)
             astray = current.reduced > QUIET and outcome.accepted
-            if astray and lasts('the last finding sought anew'):
+            if astray and time_left('the last finding sought anew'):
                 current = self._reconsider(current, outcome, sound)
                 current = fuller(current, outcome, self.thresholds.false_finding, sound)
             if last or current.reduced > QUIET or window in _LOOKED:
@@ -220,7 +220,7 @@ class Search:
         found = []
         for candidate in outcome.accepted:
             rings = any(f.key.endswith('.frequency') for f in candidate.free)
-            if rings and not candidate.channel and lasts('other frequencies of what rings'):
+            if rings and not candidate.channel and time_left('other frequencies of what rings'):
                 rest = [c for c in outcome.accepted if c is not candidate]
                 without = with_findings(outcome, rest, outcome.final.layout)
                 found += rung(without, candidate)
@@ -261,7 +261,7 @@ class Search:
         listed = candidates(baseline, self.baseline_names)
         best: tuple[Candidate, Fit, Fit] | None = None
         others = [c for c in listed if not c.free]
-        fits = side_by_side(lambda c: fit_baseline(c.extend(baseline.model)), others)
+        fits = in_parallel(lambda c: fit_baseline(c.extend(baseline.model)), others)
         tried = list(zip(others, fits, strict=True))
         if 'contact.stiffness' in baseline.values and baseline.reduced > LOST:
             tried += from_taps(baseline, self.baseline_names)
@@ -286,7 +286,7 @@ class Search:
             outcome.tests = adequacy(current)
             if outcome.tests.p_value > self.thresholds.inadequate:
                 break
-            if lasts('laws that contain a finding'):
+            if time_left('laws that contain a finding'):
                 more = law_that_contains(
                     current, outcome, self.baseline_names, self.thresholds.false_finding
                 )
@@ -325,7 +325,7 @@ class Search:
         """
         if len(outcome.accepted) < 2 or any(not c.free for c in outcome.accepted):
             return current
-        if not lasts('one effect in place of several'):
+        if not time_left('one effect in place of several'):
             return current
         start = with_findings(dataclasses.replace(outcome, final=current), [], current.layout)
         listed = candidates(start, self.baseline_names)
@@ -376,7 +376,7 @@ class Search:
 
         Looked for where the blows are still simple: a step at a time may have gone astray.
         """
-        if any(not c.free for c in outcome.accepted) or not lasts('pairs of effects'):
+        if any(not c.free for c in outcome.accepted) or not time_left('pairs of effects'):
             return current
         start = with_findings(dataclasses.replace(outcome, final=current), [], current.layout)
         allowed = self.thresholds.inadequate
@@ -412,7 +412,7 @@ class Search:
         suspected, outcome.last = outcome.last, []
         while len(outcome.accepted) < _MOST:
             spare = bool(outcome.accepted) or (outcome.looks > 1 and not last)
-            if spare and not lasts('further effects'):
+            if spare and not time_left('further effects'):
                 break
             found, outcome.looks, current = self.fits.step(current, sound, suspected=suspected)
             sound, suspected = None, []

@@ -7,7 +7,7 @@ import dataclasses
 from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
 from impactscope.discrepancy.impact.fits.growing_windows import further_misfit, held_out_fit
 from impactscope.discrepancy.impact.search.outcome import Outcome, with_findings
-from impactscope.discrepancy.patience import lasts
+from impactscope.discrepancy.time_limit import time_left
 
 __all__ = ['check_held_out']
 
@@ -51,7 +51,7 @@ def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
     """
     held_out = outcome.final.model.data.held_out
     while len(outcome.accepted) < most and outcome.held_out_final is not None:
-        if not lasts('what the fitted recordings only suggest'):
+        if not time_left('what the fitted recordings only suggest'):
             return
         able = []
         for item in outcome.last[:_CONFIRMED]:

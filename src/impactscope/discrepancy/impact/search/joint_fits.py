@@ -25,8 +25,8 @@ from impactscope.discrepancy.impact.models.bench_model import ImpactModel
 from impactscope.discrepancy.impact.search.outcome import QUIET, Found, settled_without, weigh
 from impactscope.discrepancy.impact.search.screening import Remembered, Screening, Trial
 from impactscope.discrepancy.impact.search.strong_effects import in_place_of, race, related
-from impactscope.discrepancy.patience import lasts
-from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
@@ -150,7 +150,7 @@ class JointFits:
     def order(self, current: Fit, listed: Sequence[Candidate]) -> list[Trial]:
         """Every candidate tried, the most promising first."""
         screening = Screening(current, self.remembered)
-        tried = [found for found in side_by_side(screening.best, listed) if found]
+        tried = [found for found in in_parallel(screening.best, listed) if found]
         self.tried = screening.residual, [t for found in tried for t in found]
         tried.sort(key=lambda found: found[0].gain, reverse=True)
 
@@ -160,7 +160,7 @@ class JointFits:
             # weak counts, too
             return dataclasses.replace(best, gain=max(best.gain, found[0].gain))
 
-        top = side_by_side(refined, tried[: 2 * _JOINT])
+        top = in_parallel(refined, tried[: 2 * _JOINT])
         return sorted(top, key=lambda t: t.gain, reverse=True)
 
     def judge(
@@ -200,7 +200,7 @@ class JointFits:
         found = self._rung_elsewhere(current, found, promised, looks)
         found.sort(key=lambda f: f.criterion)
         like = found and found[0].candidate.name in ('low_pass_filter', 'clock_error')
-        if like and lasts('filters of other orders'):
+        if like and time_left('filters of other orders'):
             found += self._delays(current, found[0], looks)
             found.sort(key=lambda f: f.criterion)
         return found
@@ -224,7 +224,7 @@ class JointFits:
             if key not in {f.key for f in candidate.free} or candidate.channel or not strong:
                 better.append(item)
                 continue
-            if not lasts('other frequencies of what rings'):
+            if not time_left('other frequencies of what rings'):
                 return found
             model = candidate.extend(current.model)
 
@@ -236,7 +236,7 @@ class JointFits:
                 except ImpactscopeError:
                     return None
 
-            fits = [f for f in side_by_side(fitted, _FREQUENCIES) if f is not None]
+            fits = [f for f in in_parallel(fitted, _FREQUENCIES) if f is not None]
             best = min((item.fit, *fits), key=lambda f: f.chi_square)
             better.append(weigh(candidate, best, current, looks))
         return better

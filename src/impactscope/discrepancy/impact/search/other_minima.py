@@ -23,8 +23,8 @@ from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.candidates.motion_scales import LARGEST_FREQUENCY
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
 from impactscope.discrepancy.impact.search.screening import Screening
-from impactscope.discrepancy.patience import lasts
-from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['other_modes', 'rung', 'widened']
@@ -60,7 +60,7 @@ def rung(without: Fit, candidate: Candidate) -> list[dict[str, float]]:
     grid = np.geomspace(_LOWEST, highest, count)
     screening = Screening(without)
     tops = screening.peaks(candidate, [{**candidate.starts[0], key: float(f)} for f in grid])
-    refined = side_by_side(lambda t: screening.best_refined([t]), tops[:_PEAKS])
+    refined = in_parallel(lambda t: screening.best_refined([t]), tops[:_PEAKS])
     return [t.model.values(t.x) for t in refined]
 
 
@@ -81,13 +81,13 @@ def other_modes(
     found = [final]
     for key in keys:
         for x in _starts(final, key):
-            if not lasts(_OTHER_VALUES):
+            if not time_left(_OTHER_VALUES):
                 break
             near = final if float(np.max(np.abs(x - final.x))) < _NEAR else None
             with contextlib.suppress(ImpactscopeError):
                 found.append(fit(final.model, final.layout, x, settled=0.1, near=near))
     for values in further:
-        if not lasts(_OTHER_VALUES):
+        if not time_left(_OTHER_VALUES):
             break
         x = np.array(
             [f.to_inner(values.get(f.key, final.values[f.key])) for f in final.model.free]

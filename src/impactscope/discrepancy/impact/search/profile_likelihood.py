@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, fit, settled
-from impactscope.discrepancy.patience import lasts
+from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['profiled']
@@ -60,7 +60,7 @@ def profiled(found: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, dict[str
         covariance = found.covariance()
         lower: Fit | None = None
         for key in keys:
-            if not lasts('how far its numbers may go'):
+            if not time_left('how far its numbers may go'):
                 break
             factors[key], lower = _factor(found, found.model.index(key), covariance)
             if lower is not None:

@@ -26,7 +26,7 @@ from impactscope.discrepancy.impact.search.strong_effects import (
     in_place_of,
     with_its_numbers,
 )
-from impactscope.discrepancy.patience import lasts
+from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['prune']
@@ -163,7 +163,7 @@ def _instead(
         nearer = with_its_numbers(outcome.final, _model(outcome, rest), candidate)
         if nearer is not None and nearer.chi_square < other.chi_square:
             other = nearer
-    if contains(candidate, mine.candidate) and lasts('fuller laws from a finding'):
+    if contains(candidate, mine.candidate) and time_left('fuller laws from a finding'):
         level = outcome.final.chi_square - _STUCK
         if other is None or other.chi_square > level:
             fuller = from_within(outcome.final, _model(outcome, rest), mine.candidate, candidate)
@@ -223,7 +223,7 @@ def _relatives(
         if kin not in fitted and kin != mine.candidate.name
     }
     taken = {c.label for c in outcome.accepted}
-    if not wanted or not lasts('relatives of what was found'):
+    if not wanted or not time_left('relatives of what was found'):
         return []
     without = with_findings(outcome, rest, outcome.final.layout)
     screening = Screening(without)

@@ -23,7 +23,7 @@ from impactscope.discrepancy.impact.fits.least_squares import (
     stepping,
 )
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
-from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.discrepancy.parallel import in_parallel
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['Remembered', 'Screening', 'Trial']
@@ -116,7 +116,7 @@ class Screening:
 
     def peaks(self, candidate: Candidate, starts: Sequence[Mapping[str, float]]) -> list[Trial]:
         """The trials that gain more than those next to them in a row of starts, best first."""
-        tried = side_by_side(lambda start: self._tried(candidate, start), starts)
+        tried = in_parallel(lambda start: self._tried(candidate, start), starts)
         gains = [-math.inf, *(-math.inf if t is None else t.gain for t in tried), -math.inf]
         tops = [
             trial

@@ -25,7 +25,7 @@ from impactscope.discrepancy.impact.fits.start_values import cold_starts, placed
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel, Layout
 from impactscope.discrepancy.impact.search.outcome import QUIET
 from impactscope.discrepancy.impact.search.screening import Screening, Trial
-from impactscope.discrepancy.side_by_side import side_by_side
+from impactscope.discrepancy.parallel import in_parallel
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
@@ -130,7 +130,7 @@ def _ready(near: Fit, baseline_names: Sequence[str]) -> list[tuple[Candidate, Fi
         trials = screening.best(candidate)[:_REFINED]
         return screening.best_refined(trials) if trials else None
 
-    trials = side_by_side(tried, candidates(near, baseline_names))
+    trials = in_parallel(tried, candidates(near, baseline_names))
     found = sorted((t for t in trials if t is not None), key=lambda t: -t.gain)
     seen: set[str] = set()
     ready = []

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-__all__ = ['side_by_side']
+__all__ = ['in_parallel']
 
 _Item = TypeVar('_Item')
 _Result = TypeVar('_Result')
@@ -30,7 +30,7 @@ def _pool() -> ThreadPoolExecutor | None:
     return ThreadPoolExecutor(min(cores or 1, _MOST), 'impactscope', _begin)
 
 
-def side_by_side(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Result]:
+def in_parallel(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Result]:
     """``work`` done on each item, in threads where there are cores; results in their order.
 
     What one item needs, no other may change. An error of any item is raised. Within such a piece

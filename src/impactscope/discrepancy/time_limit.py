@@ -1,7 +1,7 @@
 """How long an answer may take: what is left out once the time is over, and that it is told.
 
 A search has a part that every answer needs and a part that only looks whether something else
-explains the recordings, too. The second asks :func:`lasts` before each of its steps.
+explains the recordings, too. The second asks :func:`time_left` before each of its steps.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-__all__ = ['WITHIN_S', 'Patience', 'lasts', 'patient']
+__all__ = ['WITHIN_S', 'TimeLimit', 'time_left', 'time_limited']
 
 WITHIN_S = 240.0
 """Time in which an answer is wanted where nobody says otherwise, s."""
@@ -22,7 +22,7 @@ _SEARCHED = 0.7  # of the time; the rest is for judging what was found, and for 
 
 
 @dataclass(eq=False)
-class Patience:
+class TimeLimit:
     """Time that a search may take, and what it left out when that was over.
 
     Args:
@@ -37,7 +37,7 @@ class Patience:
     def __post_init__(self) -> None:
         self._end = self.clock() + _SEARCHED * self.seconds
 
-    def lasts(self, step: str) -> bool:
+    def time_left(self, step: str) -> bool:
         """Whether there is time for a step that an answer can do without; else it is noted."""
         if self.clock() < self._end:
             return True
@@ -55,26 +55,26 @@ class Patience:
         )
 
 
-_patience: contextvars.ContextVar[Patience | None] = contextvars.ContextVar(
-    'patience', default=None
+_current: contextvars.ContextVar[TimeLimit | None] = contextvars.ContextVar(
+    'time_limit', default=None
 )
 
 
 @contextlib.contextmanager
-def patient(seconds: float) -> Iterator[Patience]:
-    """Within this context :func:`lasts` goes by ``seconds`` from its beginning on."""
-    patience = Patience(seconds)
-    token = _patience.set(patience)
+def time_limited(seconds: float) -> Iterator[TimeLimit]:
+    """Within this context :func:`time_left` goes by ``seconds`` from its beginning on."""
+    limit = TimeLimit(seconds)
+    token = _current.set(limit)
     try:
-        yield patience
+        yield limit
     finally:
-        _patience.reset(token)
+        _current.reset(token)
 
 
-def lasts(step: str) -> bool:
+def time_left(step: str) -> bool:
     """Whether there is time for a step that an answer can do without; always where none is set.
 
     Asked in the thread that searches, not in pieces of work that are done side by side.
     """
-    patience = _patience.get()
-    return patience is None or patience.lasts(step)
+    limit = _current.get()
+    return limit is None or limit.time_left(step)

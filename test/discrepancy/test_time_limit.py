@@ -9,7 +9,7 @@ import pytest
 
 from impactscope.discrepancy import explain as explaining
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.patience import Patience, lasts, patient
+from impactscope.discrepancy.time_limit import TimeLimit, time_left, time_limited
 from impactscope.physics.twin.assembly import Effect
 
 
@@ -24,16 +24,16 @@ class Clock:
 
 def test_steps_are_made_until_the_time_is_over_and_then_noted_once():
     clock = Clock()
-    patience = Patience(100.0, clock)
-    assert patience.lasts('pairs')
+    limit = TimeLimit(100.0, clock)
+    assert limit.time_left('pairs')
     clock.now += 69.0
-    assert patience.lasts('pairs')
-    assert patience.told == ()
+    assert limit.time_left('pairs')
+    assert limit.told == ()
     clock.now += 2.0
-    assert not patience.lasts('pairs')
-    assert not patience.lasts('pairs')
-    assert not patience.lasts('relatives')
-    (told,) = patience.told
+    assert not limit.time_left('pairs')
+    assert not limit.time_left('pairs')
+    assert not limit.time_left('relatives')
+    (told,) = limit.told
     assert 'within about 100 s' in told
     assert 'pairs, relatives.' in told
 
@@ -41,20 +41,20 @@ def test_steps_are_made_until_the_time_is_over_and_then_noted_once():
 @pytest.mark.parametrize('seconds', [math.inf, 1e9])
 def test_without_a_limit_nothing_is_left_out(seconds):
     clock = Clock()
-    patience = Patience(seconds, clock)
+    limit = TimeLimit(seconds, clock)
     clock.now += 1e6
-    assert patience.lasts('pairs')
-    assert patience.told == ()
+    assert limit.time_left('pairs')
+    assert limit.told == ()
 
 
 def test_the_limit_holds_within_its_context_alone():
-    assert lasts('pairs')
-    with patient(0.0) as outer:
-        assert not lasts('pairs')
-        with patient(math.inf):
-            assert lasts('pairs')
-        assert not lasts('noise')
-    assert lasts('pairs')
+    assert time_left('pairs')
+    with time_limited(0.0) as outer:
+        assert not time_left('pairs')
+        with time_limited(math.inf):
+            assert time_left('pairs')
+        assert not time_left('noise')
+    assert time_left('pairs')
     assert list(outer.left_out) == ['pairs', 'noise']
 
 
@@ -87,7 +87,7 @@ class Left:
 
 def test_something_unknown_is_not_claimed_as_if_all_had_been_tried(monkeypatch, make_campaign):
     def cut_short(campaign, tell):
-        lasts('pairs')
+        time_left('pairs')
         return Left()
 
     monkeypatch.setattr(explaining, 'explain_impact', cut_short)
