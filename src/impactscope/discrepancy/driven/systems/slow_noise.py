@@ -1,4 +1,4 @@
-"""Slow noise, that falls with the frequency: read from what a fit leaves, which is whitened.
+"""Slow noise: it falls with the frequency, and is read from what a fit leaves.
 
 Filters, couplings, drifts, levels that differ between recordings: such findings and noise that is
 not white look alike. But noise stands between the lines of what moves, and goes on where nothing
