@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign import CampaignRecording, ChannelSamples
 from impactscope.discrepancy.impact.data.blows import _first_sight
 
 RATE, CONTACT = 4000.0, 0.4
@@ -75,3 +77,18 @@ def test_a_contact_softer_than_a_fall_is_seen_still():
     pushed = np.where(STRUCK, -8.0 * np.sin(np.pi * SINCE / 0.012), 0.0)
     own = channel('acceleration.impactor', pushed, 0.1)
     assert seen(own, let_go=True) == pytest.approx(CONTACT, abs=1.5e-3)
+
+
+def test_a_blow_is_looked_for_in_the_part_of_a_recording_that_counts():
+    bumped = np.where((TIME > 0.1) & (TIME < 0.11), 60.0, 0.0)
+    noise = 0.3 * np.random.default_rng(5).standard_normal(TIME.size)
+    whole = CampaignRecording(
+        'a.mcap',
+        channels={'force': channel('force', force().values + bumped - noise, 0.3)},
+    )
+    part = dataclasses.replace(whole, start=0.2, end=0.7).part()
+    assert seen(*whole.part().channels.values()) == pytest.approx(0.1, abs=2e-3)
+    assert seen(*part.channels.values()) == pytest.approx(seen(force()), abs=2e-3)
+    (left,) = part.channels.values()
+    assert left.start == pytest.approx(0.2)
+    assert left.time[-1] == pytest.approx(0.7, abs=1.5 / RATE)

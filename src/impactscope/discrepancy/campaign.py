@@ -123,6 +123,22 @@ class CampaignRecording:
         end = self.end if math.isfinite(self.end) else math.inf
         return np.asarray((time >= begin) & (time < end))
 
+    def part(self) -> CampaignRecording:
+        """The recording with the samples of the part to look at alone; times stay as they are."""
+        if not math.isfinite(self.start) and not math.isfinite(self.end):
+            return self
+        cut = {}
+        for name, channel in self.channels.items():
+            inside = np.flatnonzero(self.inside(channel.time))
+            if inside.size:
+                first, last = int(inside[0]), int(inside[-1]) + 1
+                cut[name] = dataclasses.replace(
+                    channel,
+                    start=channel.start + first / channel.sample_rate,
+                    values=channel.values[first:last],
+                )
+        return dataclasses.replace(self, channels=cut)
+
     @property
     def duration(self) -> float:
         """Length of the longest channel, s."""
@@ -157,7 +173,6 @@ class Campaign:
     damper: Mapping[str, Any] | None = None  # parallel_stiffness: Quantity, branches: [...]
     pendulum: Mapping[str, Quantity] = field(default_factory=dict)
     release_angle_std_deg: float = DEFAULT_ANGLE_STD_DEG
-    clock_std: float = 0.0  # s, between devices
     gain_std: Mapping[str, float] = field(default_factory=dict)  # by channel or quantity, stated
     noise_std: Mapping[str, float] = field(default_factory=dict)  # by channel, where stated
     bench: Mapping[str, Any] = field(default_factory=dict)

@@ -28,7 +28,7 @@ __all__ = ['parse_campaign', 'unit_factor']
 CAMPAIGN_VERSION = 1
 # A layer of which nothing is stated: one branch beside a spring, both to be estimated.
 UNKNOWN_LAYER = {'parallel_stiffness': None, 'branches': [{'stiffness': None, 'damping': None}]}
-BLOW_KINDS = ('tap', 'pendulum', 'robot', 'drop', 'driven')
+BLOW_KINDS = ('tap', 'pendulum', 'robot', 'drop')
 DESCRIPTIONS = ('name', 'title', 'description', 'notes', 'date', 'model', 'serial')  # not read
 
 # Of what a campaign states, not of channels: there g is gravity and stiffness no channel.
@@ -122,7 +122,6 @@ def parse_campaign(data: Any, name: str = 'campaign') -> Campaign:
         damper=damper,
         pendulum=pendulum,
         release_angle_std_deg=angle_std,
-        clock_std=_positive(top.take('clock_std', 0.0), f'{name}: clock_std'),
         gain_std=_floats(top.mapping('gain_std', optional=True)),
         noise_std=_floats(top.mapping('noise_std', optional=True)),
         bench=dict(bench.data),

@@ -123,7 +123,7 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
     """
     notes: list[str] = []
     onsets: list[tuple[CampaignRecording, float]] = []
-    for recording in campaign.recordings:
+    for recording in (r.part() for r in campaign.recordings):
         known = [c for c in CHANNELS if c in recording.channels]
         others = sorted(set(recording.channels) - set(CHANNELS))
         if others:
