@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.findings.free_swing import unit_per_mass
 
 RATE, CHANNEL = 100.0, 'displacement.boom'
 MASS, STIFFNESS, DAMPING, DRAG = 2.4, 82.0, 0.4, 6.0
@@ -53,17 +54,20 @@ def answer(step=0.0, unit='m', zero=0.0, drag=DRAG, cubic=0.0, **sensor):
 
 
 @pytest.mark.parametrize(
-    ('sensor', 'scale', 'force'),
-    [({}, 1.0 / MASS, 'm/s^2'), ({'moving_mass': MASS}, 1.0, 'N'), ({'stiffness': 82}, 1.0, 'N')],
+    ('sensor', 'scale', 'units'),
+    [
+        ({}, 1.0 / MASS, ('1/m', '1/s^2', '1/s')),
+        ({'moving_mass': MASS}, 1.0, ('N s^2/m^2', 'N/m', 'N s/m')),
+        ({'stiffness': 82}, 1.0, ('N s^2/m^2', 'N/m', 'N s/m')),
+    ],
 )
-def test_forces_where_mass_or_spring_is_stated(sensor, scale, force):
+def test_forces_where_mass_or_spring_is_stated(sensor, scale, units):
     found = answer(**sensor)
     assert found.accepted == ('quadratic_damping',)
     drag = found.findings[0].parameters['coefficient']
-    assert drag.unit == f'{force} s^2/m^2'
     assert abs(drag.value - scale * DRAG) < 4.0 * drag.std < 0.05 * scale * DRAG
     spring, damper = (found.extended_parameters[n] for n in ('stiffness', 'damping'))
-    assert (spring.unit, damper.unit) == (f'{force}/m', f'{force} s/m')
+    assert (drag.unit, spring.unit, damper.unit) == units
     assert spring.value == pytest.approx(scale * STIFFNESS, rel=1e-3)
     assert damper.value == pytest.approx(scale * DAMPING, rel=0.05)
 
@@ -114,3 +118,20 @@ def test_an_even_spring_counted_from_elsewhere_is_not_uneven(cubic, name):
     assert zero.unit == 'm'
     assert abs(zero.value - 0.01) < 4.0 * zero.std + 1e-6
     assert abs(bend.value - cubic / MASS) < 4.0 * bend.std + 0.01 * abs(cubic / MASS)
+
+
+@pytest.mark.parametrize(
+    ('unit', 'plain'),
+    [
+        ('rad/s^2', 'rad/s^2'),
+        ('m/s^2/m', '1/s^2'),
+        ('rad/s^2 s/rad', '1/s'),
+        ('m/s^2 s^2/m^2', '1/m'),
+        ('rad/s^2/rad^3', '1/(rad^2 s^2)'),
+        ('m/s^2 s^2/m', '1'),
+        ('N s/m', 'N s/m'),
+        ('rad/s^2 s/m', 'rad/s^2 s/m'),
+    ],
+)
+def test_units_of_numbers_per_mass_are_cancelled(unit, plain):
+    assert unit_per_mass(unit) == plain

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 
 from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.campaign import Quantity
@@ -11,7 +12,7 @@ from impactscope.discrepancy.driven.findings.subject import Subject
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
 from impactscope.discrepancy.driven.models.terms import Term
 
-__all__ = ['as_force', 'mass_of_free_swing', 'swings_freely']
+__all__ = ['as_force', 'mass_of_free_swing', 'swings_freely', 'unit_per_mass']
 
 PER_MASS = 'm/s^2'  # the unit of a force there
 
@@ -36,17 +37,37 @@ def mass_of_free_swing(s: Subject) -> Quantity | None:
     return Quantity(value, value * math.hypot(spring.std / spring.value, certain))
 
 
+def unit_per_mass(unit: str) -> str:
+    """A unit like ``rad/s^2 s/rad``, of a force per mass over powers of a motion, cancelled."""
+    parts = re.fullmatch(r'(m|rad)/s\^2(?: s(?:\^(\d))?)?/\1(?:\^(\d))?', unit)
+    if parts is None:
+        return unit
+    length, time, power = parts.groups()
+    seconds = 2 - (int(time or 1) if ' s' in unit else 0)
+    lengths = int(power or 1) - 1
+    below = [
+        f'{name}^{count}' if count > 1 else name
+        for name, count in ((length, lengths), ('s', seconds))
+        if count
+    ]
+    if not below:
+        return '1'
+    return f'1/{below[0]}' if len(below) == 1 else f'1/({" ".join(below)})'
+
+
 def as_force(
     item: ParameterEstimate, mass: Quantity | None, term: Term | None
 ) -> ParameterEstimate:
-    """An estimate per mass as a force; as it is where no mass is known or no force meant.
+    """An estimate per mass as a force; per mass where no mass is known or no force meant.
 
     Args:
         item: the estimate.
         mass: of the swing.
         term: whose number it is; None: of the linear model. Numbers of a channel stay.
     """
-    if mass is None or not item.unit.startswith(PER_MASS) or isinstance(item.value, str):
+    if mass is None:
+        return dataclasses.replace(item, unit=unit_per_mass(item.unit))
+    if not item.unit.startswith(PER_MASS) or isinstance(item.value, str):
         return item
     if term is not None and (term.output or term.subsystem == 'measurement'):
         return item

@@ -17,6 +17,7 @@ from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.model_selection.model_comparison import Gain, Judge
 from impactscope.discrepancy.driven.model_selection.overdispersion import worth_of
 from impactscope.discrepancy.driven.models.model import Segment
+from impactscope.discrepancy.driven.models.terms import key
 from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
 
 __all__ = [
@@ -39,6 +40,8 @@ ROUGHLY = 0.03  # the same where single contacts decide
 # the same of filters and clocks: how they act between samples, and of what shape they are
 BETWEEN = 0.01
 DELAYING = ('low_pass_filter', 'clock_error')
+AT_THE_END = 1.02  # of the least that a number may be
+NEVER = 1e12  # chi-square that no gain makes up for
 LOOKS = 60  # independent candidates, about
 
 
@@ -47,6 +50,20 @@ def slight(made: Fit) -> float:
     if any(t.rough for t in made.terms):
         return ROUGHLY**2
     return (BETWEEN if any(t.name in DELAYING for t in made.terms) else SLIGHT) ** 2
+
+
+def degenerate(made: Fit) -> bool:
+    """Whether an effect is told by nothing but what every recording has of its own.
+
+    A coupling whose corner is at the least that is allowed no longer fades within a recording:
+    what it held of the time before is a level of each recording, which slow noise has as well.
+    """
+    return any(
+        n.lower > 0.0 and made.values[key(t, n)] < AT_THE_END * n.lower
+        for t in made.terms
+        if t.own
+        for n in t.numbers
+    )
 
 
 def priced(fit: Fit, reference: Fit) -> float:
@@ -125,6 +142,8 @@ class NoiseJudge(Judge):
 
     def better(self, small: Fit, large: Fit) -> bool:
         """Whether the larger model is to be believed."""
+        if degenerate(large):
+            return False
         gain = self.gain(small, large)
         if gain.held_out_worse or gain.fitted < -1e-9:
             return False
@@ -144,7 +163,8 @@ class NoiseJudge(Judge):
         shared = fit.added - reference.added - (fit.own - reference.own)
         gain = self.gain(reference, fit)
         self._largest = max(self._largest, gain.fitted)
-        return priced(fit, reference) + slight(fit) * self._largest * shared - gain.total
+        price = priced(fit, reference) + (NEVER if degenerate(fit) else 0.0)
+        return price + slight(fit) * self._largest * shared - gain.total
 
     def p_value(self, small: Fit, large: Fit) -> float:
         """Chance of such a gain where nothing is missing."""
