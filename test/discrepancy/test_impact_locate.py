@@ -6,14 +6,16 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from impactscope.discrepancy.locate import Phase, Strip, band_of, locate, phases, state_of
 
 
-def strip(residual, time, name='force'):
+def strip(residual, time, name='force', explained=0.0):
+    """``explained``: by what was found, of the residual."""
     zero = np.zeros_like(time)
     spans = (Phase('loading', -np.inf, 0.2), Phase('separated', 0.2, np.inf))
-    return Strip('hit.mcap', name, time, residual, 0.9 * zero, zero, zero, spans)
+    return Strip('hit.mcap', name, time, residual, residual - explained, zero, zero, spans)
 
 
 def test_a_burst_is_found_where_it_is():
@@ -30,6 +32,27 @@ def test_a_burst_is_found_where_it_is():
     assert {r.phase for r in regions} == {'separated'}
     low, high = regions[0].band_hz
     assert low < 200 < high
+
+
+def test_a_weak_effect_is_where_the_model_says_that_it_acts():
+    rng = np.random.default_rng(3)
+    time = np.arange(4000) / 1e4
+    inside = (time > 0.25) & (time < 0.3)
+    effect = np.where(inside, 0.25 * np.sin(2 * np.pi * 40 * time), 0.0)
+    noise = rng.standard_normal(4000)
+    assert locate([strip(noise + effect, time)], 0.01) == ()  # no piece stands out
+    (region,) = locate([strip(noise + effect, time, explained=effect)], 0.01)
+    assert region.start_s == pytest.approx(0.25, abs=0.026)
+    assert region.end_s == pytest.approx(0.3, abs=0.026)
+    assert region.band_hz[1] < 100.0
+    assert region.p_value < 1e-3 < 0.01 < stats.chi2.sf(region.ratio**2 * 500, 500)
+
+
+def test_a_region_does_not_end_where_its_effect_passes_through_zero():
+    time = np.arange(4000) / 1e4
+    effect = 5.0 * np.sin(2 * np.pi * 10 * time) ** 3
+    regions = locate([strip(effect, time, explained=effect)], 0.01)
+    assert {(round(r.start_s, 1), round(r.end_s, 1)) for r in regions} == {(0.0, 0.2), (0.2, 0.4)}
 
 
 def test_phases_follow_contacts():

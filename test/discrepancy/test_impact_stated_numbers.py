@@ -17,7 +17,9 @@ from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.fits.least_squares import fit
 from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.discrepancy.impact.search.joint_fits import JointFits
-from impactscope.physics.pendulum import Pendulum
+from impactscope.physics.pendulum import Orientation, Pendulum
+
+BASELINE = ('linear_sensor', 'zener_damper', 'unilateral_contact', 'gravity_load')
 
 
 def known_to_a_percent(campaign):
@@ -84,3 +86,15 @@ def test_a_wrong_length_is_named(campaign):
     assert numbers['name'].value == 'contact_distance'
     value = numbers['value']
     assert abs(value.value - 0.272) < 3.0 * value.std < 0.005
+
+
+@pytest.mark.slow
+def test_a_wrong_orientation_is_shown_beside_what_was_stated(make_campaign):
+    lying = make_campaign(43, orientation='horizontal', baseline=BASELINE)
+    answer = explain(dataclasses.replace(lying, orientation=Orientation.VERTICAL))
+    assert answer.accepted == ('wrong_parameter',)
+    assert answer.findings[0].parameters['name'].value == 'orientation'
+    before, after = answer.fit.baseline, answer.fit.extended
+    assert before.rmse['force'] > 5.0 * after.rmse['force']
+    assert before.held_out_rmse['force'] > 1.5 * after.held_out_rmse['force']
+    assert answer.mismatch.regions

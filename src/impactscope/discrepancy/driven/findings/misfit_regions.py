@@ -59,6 +59,7 @@ def case_regions(
                 np.asarray(x),
                 np.asarray(v),
                 stretch,
+                segment.held_out,
             )
         )
     return locate(strips, rate)

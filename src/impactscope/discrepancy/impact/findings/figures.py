@@ -96,6 +96,7 @@ def pictures(outcome: Outcome) -> tuple[tuple[Trace, ...], list[Strip]]:
                         x[mask],
                         v[mask],
                         spans,
+                        held_out,
                     )
                 )
     return tuple(traces), strips

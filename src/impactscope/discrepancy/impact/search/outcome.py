@@ -111,8 +111,9 @@ def with_findings(outcome: Outcome, chosen: Sequence[Candidate], layout: Layout)
     """The baseline with some of the findings, fitted over a window."""
     known = outcome.final.model.constants
     model = outcome.baseline.model
-    # the taps may be known better by now
-    constants = {k: known.get(k, v) for k, v in model.constants.items()}
+    # the taps may be known better by now; what a finding has set is not the baseline's
+    theirs = {k for c in outcome.accepted for k in c.constants}
+    constants = {k: v if k in theirs else known.get(k, v) for k, v in model.constants.items()}
     model = dataclasses.replace(model, constants=constants)
     for candidate in chosen:
         model = candidate.extend(model)
