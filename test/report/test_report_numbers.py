@@ -11,6 +11,7 @@ from impactscope.report.numbers import (
     format_number,
     format_quantity,
     format_stamp,
+    readable_estimate,
 )
 
 
@@ -78,3 +79,21 @@ def test_stamps():
     assert format_stamp(12_345_000_000) == '12.345 s (clock of the recording)'
     assert format_stamp(0).startswith('0.000 s')
     assert 'no calendar date' in format_stamp(10**30)
+
+
+@pytest.mark.parametrize(
+    ('value', 'std', 'unit', 'expected'),
+    [
+        (5.152e-7, 1.5e-8, 'm', ('0.515', '0.030', 'µm')),
+        (0.2, 0.001, 'm', ('0.2000', '0.0020', 'm')),
+        (-0.0205, 0.0004, 'N', ('-20.50', '0.80', 'mN')),
+        (1.0e-4, 0.2, 'N', ('0.00', '0.40', 'N')),
+        (2e-12, 1e-13, 's', ('0.00200', '0.00020', 'ns')),
+        (0.0, math.nan, 'm', ('0', 'not known', 'm')),
+        (math.nan, math.nan, 'kg', ('not estimated', '', 'kg')),
+        (0.002, 0.0001, 'N/m', ('0.00200', '0.00020', 'N/m')),
+        (3.0, 0.0, '1', ('3.000', '0', '')),
+    ],
+)
+def test_small_numbers_have_units_that_people_read(value, std, unit, expected):
+    assert readable_estimate(value, std, unit) == expected

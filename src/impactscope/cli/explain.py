@@ -13,6 +13,7 @@ from rich.table import Table
 from impactscope.cli.console import Bar, out
 from impactscope.cli.options import Json
 from impactscope.discrepancy.time_limit import WITHIN_S
+from impactscope.report.numbers import NOT_KNOWN, readable_estimate
 
 if TYPE_CHECKING:
     from impactscope.discrepancy.answer import Answer
@@ -117,9 +118,9 @@ def print_answer(answer: 'Answer') -> None:
     """
     out.print(f'[bold]{escape(answer.summary())}[/bold]')
     for finding in answer.ranking[:5]:
-        mark = 'found' if finding.name in answer.accepted else '     '
+        mark = 'found' if finding.name in answer.accepted else 'tried'
         values = ', '.join(
-            f'{name} {_value_of(item.value, item.std)} {_unit_of(item.unit)}'.rstrip()
+            f'{name} {_value_of(item.value, item.std, item.unit)}'
             for name, item in finding.parameters.items()
         )
         place = f' of {finding.channel}' if finding.channel else ''
@@ -127,6 +128,8 @@ def print_answer(answer: 'Answer') -> None:
             f'  {mark} {escape(finding.name + place)}: probability {finding.probability:.3f}'
             f'{escape("; " + values) if values else ""}'
         )
+        if finding.confused_with and mark == 'found':
+            out.print(f'        cannot be told from: {escape(", ".join(finding.confused_with))}')
     _print_fit(answer)
     for note in answer.notes:
         out.print(f'note: {escape(note)}')
@@ -134,14 +137,12 @@ def print_answer(answer: 'Answer') -> None:
         out.print(f'measure next: {escape(test)}')
 
 
-def _value_of(value: float | str, std: float) -> str:
+def _value_of(value: float | str, std: float, unit: str) -> str:
     if isinstance(value, str):
         return value
-    return f'{value:.4g}' if math.isnan(std) else f'{value:.4g} ± {2 * std:.2g}'
-
-
-def _unit_of(unit: str) -> str:
-    return '' if unit in ('text', 'bool', '1') else unit
+    text, uncertainty, name = readable_estimate(value, std, unit)
+    sure = '' if uncertainty in ('', NOT_KNOWN, '0') else f' ± {uncertainty}'
+    return f'{text}{sure} {name}'.rstrip()
 
 
 def _print_fit(answer: 'Answer') -> None:

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from impactscope.discrepancy.answer import Answer, Finding, ParameterEstimate, Region, Trace
 from impactscope.records import Estimate
 from impactscope.report.explain_figures import overlay_figures, residual_spectra, state_maps
-from impactscope.report.numbers import format_estimate, format_number
+from impactscope.report.numbers import format_estimate, format_number, readable_estimate
 from impactscope.report.page import render_page, write_page
 from impactscope.version import __version__
 
@@ -110,8 +110,7 @@ def _finding(finding: Finding) -> _Finding:
         if isinstance(item.value, str):
             rows.append((_words(name), item.value, '', ''))
         else:
-            value, uncertainty = format_estimate(Estimate(item.value, item.std))
-            rows.append((_words(name), value, uncertainty, '' if item.unit == '1' else item.unit))
+            rows.append((_words(name), *readable_estimate(item.value, item.std, item.unit)))
     sure = f'Probability {finding.probability:.3g}'
     if finding.confused_with:
         others = ', '.join(_words(name) for name in finding.confused_with)
@@ -156,8 +155,8 @@ def _region(region: Region) -> tuple[str, ...]:
 
 def _state(words: str) -> str:
     """What a residual goes with, and by how much, for a narrow column."""
-    share, goes, law = words.partition(' of the residual goes with its ')
-    return f'{law}, {share}' if goes else words or '-'
+    share, goes, law = words.partition(' of the residual goes with ')
+    return f'{law.removeprefix("its ")}, {share}' if goes else words or '-'
 
 
 def _frequency(value: float) -> str:

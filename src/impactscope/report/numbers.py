@@ -22,6 +22,7 @@ __all__ = [
     'format_number',
     'format_quantity',
     'format_stamp',
+    'readable_estimate',
 ]
 
 COVERAGE_FACTOR = 2.0
@@ -29,6 +30,13 @@ NOT_KNOWN = 'not known'
 UNCERTAINTY_DIGITS = 2
 FIXED_POINT_DECIMALS = 9  # beyond, powers of ten read better
 FIXED_POINT_LARGEST = 1e9
+PREFIXES = {  # of SI units, largest first: what to divide by, and how the unit is then called
+    'm': ((1.0, 'm'), (1e-3, 'mm'), (1e-6, 'µm'), (1e-9, 'nm')),
+    's': ((1.0, 's'), (1e-3, 'ms'), (1e-6, 'µs'), (1e-9, 'ns')),
+    'N': ((1.0, 'N'), (1e-3, 'mN'), (1e-6, 'µN')),
+    'kg': ((1.0, 'kg'), (1e-3, 'g'), (1e-6, 'mg')),
+}
+PREFIXED_BELOW = 0.1  # of the unit: there a prefix reads better
 EARLIEST_CALENDAR_NS = 631_152_000_000_000_000  # 1990; earlier stamps are a simulation's own
 
 
@@ -114,6 +122,19 @@ def format_estimate(
         digits = max(_exponent(value) + decimals, 0) if value else 0
         return f'{value:.{digits}e}', f'{expanded:.{UNCERTAINTY_DIGITS - 1}e}'
     return _fixed(value, decimals), _fixed(expanded, decimals)
+
+
+def readable_estimate(value: float, std: float, unit: str) -> tuple[str, str, str]:
+    """Value, expanded uncertainty and unit as texts; small ones in mm, µs, mN, g and so on.
+
+    >>> readable_estimate(5.152e-7, 1.5e-8, 'm')
+    ('0.515', '0.030', 'µm')
+    """
+    size = max(abs(value), 0.0 if math.isnan(std) else COVERAGE_FACTOR * std)
+    known = PREFIXES.get(unit, ((1.0, '' if unit in ('1', 'text', 'bool') else unit),))
+    fitting = (p for p in known if size >= PREFIXED_BELOW * p[0])
+    scale, name = known[0] if not size > 0.0 else next(fitting, known[-1])
+    return *format_estimate(Estimate(value, std), 1.0 / scale), name
 
 
 def format_quantity(
