@@ -120,7 +120,10 @@ def test_what_is_absent_is_noted_where_something_can_still_be_told():
     del data['pendulum'], data['bench']['orientation'], data['damper']
     data['recordings'] = data['recordings'][1:2]
     notes = ' '.join(parse_campaign(data).notes)
-    for words in ('orientation', 'geometry', 'damper', 'One recording', 'held out'):
+    assert 'on a damper' not in notes  # nobody said so
+    data['recordings'][0]['damper'] = True
+    notes = ' '.join(parse_campaign(data).notes)
+    for words in ('orientation', 'geometry', 'on a damper', 'One recording', 'held out'):
         assert words in notes
 
 

@@ -186,6 +186,8 @@ class Answer:
         if self.unexplained:
             rest = self.unexplained_description or 'Something is missing that is not known here.'
             text = f'{text} {rest}' if text else rest
+        elif set(self.accepted) == {'wrong_parameter'}:
+            text = f'No physics is missing, but a number of the simulation is wrong. {text}'
         return text
 
     def to_json(self) -> dict[str, Any]:

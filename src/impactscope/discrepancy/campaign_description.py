@@ -111,7 +111,9 @@ def parse_campaign(data: Any, name: str = 'campaign') -> Campaign:
             notes.append(
                 'No damper layer is described: its stiffnesses and its damping are estimated.'
             )
-        _note_what_is_missing(recordings, pendulum, damper, notes)
+        _note_what_is_missing(recordings, pendulum, notes)
+        if damper is None and any(e.get('damper') is True for e in top.data['recordings']):
+            notes.append('Blows are marked as on a damper, but no damper is described.')
     result = Campaign(
         name=name,
         kind=kind,
@@ -361,7 +363,6 @@ def _recordings(
 def _note_what_is_missing(
     recordings: Sequence[CampaignRecording],
     pendulum: Mapping[str, Quantity],
-    damper: Mapping[str, Any] | None,
     notes: list[str],
 ) -> None:
     swings = [r for r in recordings if r.kind == 'pendulum']
@@ -377,8 +378,6 @@ def _note_what_is_missing(
         ):
             if pendulum and not math.isfinite(value):
                 notes.append(f'{recording.file}: the {what} is not stated and is estimated.')
-    if damper is None and any(r.damper for r in swings):
-        notes.append('Blows are marked as on a damper, but no damper is described.')
     if len(recordings) == 1:
         notes.append(
             'One recording only: what changes with strength or conditions cannot be told.'

@@ -204,8 +204,5 @@ def _wrong_sentence(candidate: Candidate, fitted: Fit) -> tuple[str, str, str]:
         text = f'The {key} stated for the bench is wrong: the recordings fit the other one.'
         return text, '', ''
     value, stated = fitted.values[candidate.free[0].key], stated_value(candidate)
-    text = (
-        f'No physics is missing: {key}{where} is stated as {stated:.5g}, the recordings say '
-        f'{value:.5g}.'
-    )
+    text = f'The file states {key}{where} as {stated:.5g}, the recordings say {value:.5g}.'
     return text, '', ''
