@@ -51,6 +51,14 @@ def test_forces_vanish_at_rest_and_follow_the_motion():
     assert np.corrcoef(half, wanted)[0, 1] > 0.99
 
 
+def test_no_law_stands_in_the_place_of_another():
+    time = np.arange(400) * 5e-4
+    x = 1e-3 * np.sin(2 * np.pi * 32 * time)
+    contact = np.where(time < 0.02, 1.0, 0.0)
+    listed = [(label, n) for label, n, _, _ in law_forces(x, np.gradient(x, 5e-4), time, contact)]
+    assert len(listed) == len(set(listed))
+
+
 def test_a_response_is_that_of_the_mechanism_with_the_same_law(sound, monkeypatch):
     """The cubic spring is both: an effect of the twin, and a force along the motion."""
     monkeypatch.setattr(

@@ -182,7 +182,8 @@ def law_forces(
             label = f'a contact that pulls by {most:g} N before it lets go'
             yield label, '', False, _pulled(unit * contact, most)
     for power in (0.5, 1.0, 2.0):
-        yield 'friction that changes with the displacement', '', False, s * np.abs(r) ** power
+        label = f'friction that changes with the displacement to the power {power:g}'
+        yield label, '', False, s * np.abs(r) ** power
         label = f'damping that changes with the displacement to the power {power:g}'
         yield label, '', False, w * np.abs(r) ** power
     yield 'friction that differs by side', '', False, s * np.sign(r)
