@@ -29,11 +29,11 @@ from impactscope.physics.twin.bench import (
 from impactscope.physics.twin.integrator import integrate
 from impactscope.physics.twin.simulate import (
     CHANNELS,
-    DEFAULT_TOLERANCE,
     LONGEST_STEP,
     MAX_EVENTS,
     MOST_STEPS,
     SimulationError,
+    sufficient_tolerance,
 )
 from impactscope.proof.bench import BENCH
 from impactscope.proof.known_cases import KNOWN_CASES, NOISE, Agreement, KnownCase, simulate
@@ -130,7 +130,7 @@ def tap(case: KnownCase) -> HammerTap:
     return HammerTap(pulse.peak, pulse.duration)
 
 
-def simulate_with_twin(case: KnownCase, tolerance: float = DEFAULT_TOLERANCE) -> Channels:
+def simulate_with_twin(case: KnownCase, tolerance: float | None = None) -> Channels:
     """Samples of a known case by the twin, by channel.
 
     Raises ConfigurationError where the twin cannot express the case, SimulationError where it
@@ -150,7 +150,7 @@ def simulate_with_twin(case: KnownCase, tolerance: float = DEFAULT_TOLERANCE) ->
         contact,
         corners(par),
         case.times,
-        tolerance,
+        sufficient_tolerance(par) if tolerance is None else tolerance,
         LONGEST_STEP,
         MOST_STEPS,
         rows,

@@ -71,6 +71,17 @@ def test_default_tolerance_is_good_to_five_digits():
         assert np.abs(usual[name] - fine[name]).max() < 5e-5 * np.abs(fine[name]).max()
 
 
+@pytest.mark.parametrize('turned', [13.0, 15.0])
+def test_bounces_of_bare_metal_are_followed_to_a_tenth_of_a_quiet_noise(turned):
+    bench = Bench(damper=None, contact=BareContact(1.2e9, restitution=0.8))
+    blow = PendulumBlow(Pendulum(mass_distance=0.15), math.radians(turned))
+    fine = simulate(bench, blow, duration=0.8, tolerance=1e-12)
+    usual = simulate(bench, blow, duration=0.8)
+    assert len(fine.contacts) > 50
+    for name, noise in (('force', 0.1), ('acceleration.plate', 0.1)):
+        assert np.abs(usual[name] - fine[name]).max() < 0.1 * noise
+
+
 def reference(par: np.ndarray, end: float, large: bool) -> tuple[list[float], np.ndarray]:
     """Plate and impactor with layer and load, written down anew, by DOP853 with events."""
     n = int(par[at.BRANCHES])

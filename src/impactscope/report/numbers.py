@@ -134,6 +134,8 @@ def readable_estimate(value: float, std: float, unit: str) -> tuple[str, str, st
     known = PREFIXES.get(unit, ((1.0, '' if unit in ('1', 'text', 'bool') else unit),))
     fitting = (p for p in known if size >= PREFIXED_BELOW * p[0])
     scale, name = known[0] if not size > 0.0 else next(fitting, known[-1])
+    if std == 0.0 and math.isfinite(value):  # a choice, such as the order of a filter
+        return format_given(value / scale), '', name
     return *format_estimate(Estimate(value, std), 1.0 / scale), name
 
 

@@ -31,7 +31,6 @@ __all__ = ['GROUPS', 'Law', 'law_forces', 'law_responses']
 Array = NDArray[np.float64]
 
 _STEP = 5e-4  # s, of the force that is handed to the simulation
-_TOLERANCE = 1e-7
 _WEAK = 1e-4  # of the sensor's largest force, at first
 _FELT = 3.0  # norm of the change of one recording's residuals
 _SWINGS = (2.0, 4.0, 7.0, 10.0, 13.0, 17.0, 22.0, 30.0)  # Hz
@@ -145,7 +144,7 @@ def _moved(par: Array, force: Array, moments: Array) -> Array:
     """Motion of the bench with a further force on the plate, rows at the moments."""
     driven = np.concatenate([par[: at.N_PARAMETERS], force])
     driven[at.EXCITATION_RATE] = 1.0 / _STEP
-    rows: Array = solve(driven, moments, _TOLERANCE, lean=True)[0]
+    rows: Array = solve(driven, moments, lean=True)[0]
     return rows
 
 

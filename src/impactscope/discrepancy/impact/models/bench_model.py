@@ -50,7 +50,6 @@ Array = NDArray[np.float64]
 _Moments = tuple[Array, dict[str, NDArray[np.int64]]]
 _Solution = tuple[Array, Array, NDArray[np.int64]]  # rows, event times and kinds
 
-TOLERANCE = 1e-7
 SPEED_RATIO = 'impact_speed_loss.ratio'
 _SOLUTIONS = 8  # kept for each blow
 _MOMENTS, _WHITENERS = 60, 150  # kept
@@ -438,9 +437,7 @@ class ImpactModel:
         rows: Array = np.zeros((0, at.N_LEAN_COLUMNS))
         event_times, event_kinds = np.zeros(0), np.zeros(0, dtype=np.int64)
         if count:
-            rows, event_times, event_kinds, _ = solve(
-                par, times[:count] - start, TOLERANCE, lean=True
-            )
+            rows, event_times, event_kinds, _ = solve(par, times[:count] - start, lean=True)
         if count < times.size:
             rows = np.concatenate([rows, np.zeros((times.size - count, at.N_LEAN_COLUMNS))])
         found = rows, event_times, event_kinds
