@@ -107,24 +107,28 @@ def plate_answer(campaign: Campaign, begun: Start, tell: Progress) -> tuple[Answ
     return answer, sure
 
 
-def _towards_noise(case: Case) -> Fit:
-    """The baseline with what leaves least: a level of the channel, or few plain effects.
+def _towards_noise(case: Case, begin: Fit | None = None) -> Fit:
+    """A fit with what leaves least: a level of the channel, or few plain effects.
 
     Greedy; it only tells where a search to the noise may begin.
+
+    Args:
+        case: whose noise is known.
+        begin: from what it sets out; the baseline unless told.
     """
+    made = begin or case.baseline
     terms = [t for t in case.model.terms if t.name in LEVELS and t.output and not t.own]
+    terms = [t for t in terms if all(t.stands_with(o) for o in made.terms)]
     both = [tuple(terms)] if len(terms) == len(LEVELS) else []
-    base = case.baseline
     best = min(
         (
-            fit(case.model, t, case.segments, base.values, base.starts)
+            fit(case.model, (*made.terms, *t), case.segments, made.values, made.starts)
             for t in [(), *((t,) for t in terms), *both]
         ),
         key=lambda f: reduced(case.judge, f),
     )
     if sum(s.measured.size for s in case.segments) > MOST_LOOKED_AT:
         return best
-    made = base
     for _ in range(STEPS):
         if reduced(case.judge, best) < MOSTLY_NOISE:
             break
@@ -175,7 +179,17 @@ def mass_answer(
     if case is None or start is None:
         return None, False
     least = OVERSTATED * _counting(case) * counting_share([s.whitener for s in case.segments])
-    near = least < reduced(case.judge, start) < AT_ALL_NOISE
+    most = AT_ALL_NOISE
+    if reduced(case.judge, start) >= most:  # what is strong may hide that all else is noise
+        start, most = _towards_noise(case, start), MOSTLY_NOISE
+        if reduced(case.judge, start) < most:  # which tells the noise, and how recordings begin
+            again = driven_mass_case(
+                whole, model, segments, linear, held=held, found=(case, start)
+            )
+            if again is not None:
+                case, start = taken_over(again, start)
+            seed = start
+    near = least < reduced(case.judge, start) < most
     if not near and (case.model.drifts or plain_noise(case) is None):
         return None, False
 

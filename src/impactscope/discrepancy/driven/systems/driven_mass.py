@@ -14,9 +14,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from impactscope.discrepancy.driven.adequacy.plate_laws import plate_laws
-from impactscope.discrepancy.driven.data.measured_force import known_force
+from impactscope.discrepancy.driven.data.measured_force import KnownForce, known_force
 from impactscope.discrepancy.driven.data.recordings import Cut
 from impactscope.discrepancy.driven.fits.innovations import innovations
 from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit
@@ -34,7 +35,7 @@ from impactscope.discrepancy.driven.models.mechanical_effects import Sizes
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel, inside_samples
 from impactscope.discrepancy.driven.models.terms import Term
-from impactscope.discrepancy.driven.systems.case import Case, throughout
+from impactscope.discrepancy.driven.systems.case import Case, Settled, throughout
 from impactscope.discrepancy.driven.systems.driven_mass_noise import whitened
 
 __all__ = ['driven_mass_case', 'taken_over']
@@ -51,6 +52,7 @@ ALIKE = 6.0  # chi-square within which it stands before an effect of the chain
 HIGHEST_ORDER = 4  # of low-passes of an axis
 MOSTLY = 0.1  # of chi-square is left where beginnings in motion are all that is missing
 SCATTER = 4.0  # two standard deviations of what chance makes of one unit
+ABOUT = 31  # lines of a spectrum whose mean counts
 SLOW = 0.01  # of half the rate: corner of an encoder's noise, as long as effects are looked for
 
 
@@ -142,7 +144,56 @@ def driven_mass_case(
         plate_laws,
         throughout(ready),
         noise,
+        _with_felt_force(linear, ready, forces),
     )
+
+
+def _with_felt_force(
+    model: DrivenMassModel, segments: Sequence[Segment], forces: Sequence[KnownForce | None]
+) -> Settled | None:
+    """How a fit looks under the force as force and motion together tell it; None: no better.
+
+    A prediction answers the noise of the force's sensor, which the mass has not felt, and the
+    residual shows it the other way round: slopes and laws are bent towards it, and whatever
+    weakens the answer somewhere explains something (errors in variables). By its share of the
+    residual, line by line, that noise is taken off the force; what is left is in no way
+    correlated with the motion then.
+    """
+    noises = [math.nan if f is None or f.error is not None else f.noise for f in forces]
+    if model.drifts or model.free or not any(n > 0.0 for n in noises):
+        return None
+
+    def settled(made: Fit) -> tuple[Fit, list[Segment]]:
+        better = []
+        for i, (s, noise) in enumerate(zip(segments, noises, strict=True)):
+            if not noise > 0.0:
+                better.append(s)
+                continue
+            left = made.residuals[i]
+            change = _felt_beside(s, left, made.values, noise)
+            steps = (s.drive.shape[1] - 1) // 2
+            known = dataclasses.replace(
+                s, drive=s.drive + inside_samples(change, steps, held=False)
+            )
+            predicted = model.predict(made.values, made.terms, made.starts[i], known)
+            better.append(dataclasses.replace(known, measured=predicted + left))
+        return made, better
+
+    return settled
+
+
+def _felt_beside(s: Segment, left: Array, values: Mapping[str, float], noise: float) -> Array:
+    """What the residual tells of the force beyond its samples, shape (n,); of linear answers."""
+    omega = 2.0 * math.pi * np.fft.rfftfreq(left.size, s.period)
+    mass, damping = values.get('mass', 1.0), values['damping']
+    stiff = values.get('stiffness', 0.0) - mass * omega**2 + 1j * damping * omega
+    stiff[0] = stiff[0] or 1.0
+    answer = (1j * omega) ** s.derivative / stiff
+    spectrum = np.fft.rfft(left)
+    level = ndimage.uniform_filter1d(np.abs(spectrum) ** 2, ABOUT) / left.size
+    level = np.maximum(level, noise * np.abs(answer) ** 2)  # it is no more than all that is left
+    shown = np.divide(spectrum, level, out=np.zeros_like(spectrum), where=level > 0.0)
+    return np.asarray(np.fft.irfft(noise * np.conj(answer) * shown, left.size))
 
 
 def _course(cut: Cut, steps: int, how: str) -> Array:
