@@ -182,13 +182,7 @@ def mass_answer(
     most = AT_ALL_NOISE
     if reduced(case.judge, start) >= most:  # what is strong may hide that all else is noise
         start, most = _towards_noise(case, start), MOSTLY_NOISE
-        if reduced(case.judge, start) < most:  # which tells the noise, and how recordings begin
-            again = driven_mass_case(
-                whole, model, segments, linear, held=held, found=(case, start)
-            )
-            if again is not None:
-                case, start = taken_over(again, start)
-            seed = start
+        seed = start if start.terms else seed
     near = least < reduced(case.judge, start) < most
     if not near and (case.model.drifts or plain_noise(case) is None):
         return None, False

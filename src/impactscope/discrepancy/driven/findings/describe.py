@@ -42,6 +42,7 @@ __all__ = ['describe', 'leaves_most']
 MOST = 0.95
 MOST_BESIDE = 0.7  # where something that is not known stands beside them
 MOST_OF_IT = 0.5  # of chi-square beyond what noise leaves
+LIKELY = 0.3  # probability from which a name stands beside something unknown
 FAR_LEFT = 2.0  # reduced chi-square, beyond which what is left is no noise that was misjudged
 
 
@@ -84,6 +85,12 @@ def describe(s: Subject) -> Answer:
     elif unexplained:
         findings.insert(len(accepted), Finding('unknown', 1.0, 'unknown', sentence=sentence))
         accepted.append('unknown')
+    if 'unknown' in accepted:  # beside which an unlikely name is none
+        taken, tried = findings[: len(accepted)], findings[len(accepted) :]
+        sure = [f.name == 'unknown' or f.probability >= LIKELY for f in taken]
+        kept = [f for f, yes in zip(taken, sure, strict=True) if yes]
+        findings = [*kept, *(f for f, yes in zip(taken, sure, strict=True) if not yes), *tried]
+        accepted = [f.name for f in kept]
     beside = 'unknown' in accepted and len(accepted) > 1
     findings = [_modest(f, MOST_BESIDE if beside else MOST) for f in findings]
     detected = bool(accepted)

@@ -39,6 +39,9 @@ SLIGHT = 3e-3
 ROUGHLY = 0.03  # the same where single contacts decide
 # the same of filters and clocks: how they act between samples, and of what shape they are
 BETWEEN = 0.01
+# reduced chi-square of a model that leaves noise, and of one that leaves more: what leads from the
+# one to the other is no error of a law
+SOUND, UNSOUND = 1.5, 3.0
 DELAYING = ('low_pass_filter', 'clock_error')
 AT_THE_END = 1.02  # of the least that a number may be
 NEVER = 1e12  # chi-square that no gain makes up for
@@ -150,6 +153,8 @@ class NoiseJudge(Judge):
         gain = self.worth(small, large)
         looks = round(self.looks * _looks(small, large))
         least = least_gain(max(gain.numbers, 1), looks, self.thresholds.false_finding)
+        if reduced(self, large) < SOUND and reduced(self, small) > UNSOUND:
+            return gain.total > least  # no error of a law is explained to the noise
         return gain.total > least + self.beside(small)
 
     def beside(self, small: Fit) -> float:
@@ -164,6 +169,8 @@ class NoiseJudge(Judge):
         gain = self.gain(reference, fit)
         self._largest = max(self._largest, gain.fitted)
         price = priced(fit, reference) + (NEVER if degenerate(fit) else 0.0)
+        if reduced(self, fit) < SOUND:
+            return price - gain.total
         return price + slight(fit) * self._largest * shared - gain.total
 
     def p_value(self, small: Fit, large: Fit) -> float:
