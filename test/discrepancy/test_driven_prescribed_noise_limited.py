@@ -9,6 +9,7 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.data.trajectory import Trajectory, _end, trajectory_of
+from impactscope.discrepancy.driven.noise.coloured_noise import Colour
 from impactscope.discrepancy.driven.systems.prescribed_noise_limited import (
     PrescribedMotionNoise,
     _turns,
@@ -287,3 +288,22 @@ def test_friction_is_not_asked_for_where_a_motion_rests():
     rests = _turns(course, 1e-3, 1)
     assert np.mean(rests[:400]) > 0.9
     assert np.mean(rests[400:2000]) < 0.02
+
+
+def test_a_rest_tells_nothing_of_the_level_behind_it():
+    """Slow noise is met anew there: one sample stood for all of the rest, noise and all."""
+    rng = np.random.default_rng(8)
+    colour = Colour(0.1, ((4.0, 1e-4),))
+    rested = np.zeros(3000, dtype=bool)
+    rested[:800] = rested[1500:1700] = True
+    rested[2500] = True  # a sample on which the motion turns is bridged
+    noise = PrescribedMotionNoise(
+        1.0, 0.0, 100.0, (1.0, 0.0, 0.0), 1e-3, np.zeros((3, 3000)), turns=rested
+    ).knowing(colour, 3000)
+    residual = 2.0 + 0.3 * rng.standard_normal(3000)
+    white = noise(residual)
+    assert not np.any(white[rested])
+    np.testing.assert_allclose(white[800:1500], noise.slow(residual[800:1500]))
+    np.testing.assert_allclose(white[1700:2500], noise.slow(residual[1700:2500]))
+    assert np.mean(white[1710:] ** 2) == pytest.approx(0.9, abs=0.15)
+    assert noise.counted(3000) == 1999

@@ -56,6 +56,7 @@ MOST_STUCK = 0.004
 RELAXES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times over the motion's own, to set out from
 ON_A_SAMPLE = 0.02  # of the time between samples, within which a motion turns round on one
 SLOW = 3.0  # times the noise of the speed, below which a motion may as well rest
+REST = 16  # samples at rest, after which slow noise is met anew
 RESTS = 8.0  # independent values of the speed in a row, from which it does
 BEYOND = 3.0  # samples, by which a force is continued beyond its ends
 
@@ -98,11 +99,28 @@ class PrescribedMotionNoise:
         weight, passes = self._kept[residual.size]
         if self.turns is not None:
             residual = _between(residual, self.turns)
-        even = weight * (residual if self.slow is None else self.slow(residual))
+        even = weight * (residual if self.slow is None else self._slowly(residual))
         if passes is None:
             return np.asarray(even)
         # by cosines: a recording does not end where it began
         return np.asarray(fft.idct(passes * fft.dct(even)))
+
+    def _slowly(self, residual: Array) -> Array:
+        """Innovations, beginning anew after each rest: nothing is known of the level during it."""
+        assert self.slow is not None  # noqa: S101 - only then is this asked
+        if self.turns is None:
+            return self.slow(residual)
+        out = np.zeros(residual.size)
+        last = 0
+        for begin, end in (*_runs(self.turns, REST), (residual.size, residual.size)):
+            if begin > last:
+                out[last:begin] = self.slow(residual[last:begin])
+            last = end
+        return out
+
+    def counted(self, size: int) -> int:
+        """How many of so many samples count at all."""
+        return size if self.turns is None else size - int(np.count_nonzero(self.turns))
 
     def _weights(self, size: int) -> tuple[Array, Array | None]:
         """What each sample counts, and each line where the motion's noise matters, (n,)."""
@@ -329,11 +347,16 @@ def _turns(course: Trajectory, period: float, order: int) -> NDArray[np.bool_] |
     if order == 0:
         passed *= (2.0 * math.pi * course.band) ** 2 / 3.0
     slow = np.abs(speed) <= SLOW * course.noise * math.sqrt(passed)
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]])))
-    for first, last in ends.reshape(-1, 2).tolist():
+    for first, last in _runs(slow):
         if 2.0 * course.band * period * (last - first) > RESTS:
             turns[first:last] = True
     return turns if np.any(turns) else None
+
+
+def _runs(marked: NDArray[np.bool_], least: int = 1) -> list[tuple[int, int]]:
+    """First sample of each run of marked ones, and the one behind its last."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]])))
+    return [(a, b) for a, b in ends.reshape(-1, 2).tolist() if b - a >= least]
 
 
 def _between(values: Array, left_out: NDArray[np.bool_]) -> Array:

@@ -176,15 +176,15 @@ def whitened_logarithm(case: Case) -> float:
     for s in case.segments:
         if s.held_out:
             continue
-        whitener, slow = s.whitener, s.slow
+        whitener, slow, size = s.whitener, s.slow, s.measured.size
         if isinstance(whitener, PrescribedMotionNoise):
-            slow = whitener.slow
+            slow, size = whitener.slow, whitener.counted(size)
         if isinstance(whitener, ChainNoise):
             found += whitener.logarithm(s.measured.size)
         if isinstance(whitener, Whitener):
             found += whitener.logarithm()
         elif slow is not None:
-            found += slow.logarithm(s.measured.size)
+            found += slow.logarithm(size)
     return found
 
 
