@@ -67,6 +67,8 @@ _LOOKED = (0.25,)  # windows in which is looked for weak effects, beside the las
 _MOST = 3  # findings
 _SURE = 4.0  # standard deviations of what is left
 _SWEPT = (-3.0, -2.0, -1.3, -0.7, 0.7, 1.3, 2.0, 3.0)  # standard deviations
+_SCANNED = tuple(float(x) for x in np.linspace(-3.0, 3.0, 121))  # likewise, without fits
+_FROM_SCAN = 4  # places of these from which fits set out
 _AHEAD = 3  # candidates that are fitted jointly where only the way is sought
 _BEAM = 2  # first steps that are followed when none explains the recordings
 _FIRST = 0.012  # s after the onset from which fits grow
@@ -592,13 +594,28 @@ def _swept(before: Fit, grown: Fit, outcome: Outcome) -> Fit:
         if not covariance[j, j] > 0.0:
             continue
         along = covariance[:, j] / math.sqrt(covariance[j, j])
-        for far in _SWEPT:
+        for far in (*_SWEPT, *_scanned(before, grown, along)):
             try:
                 made = fit(grown.model, grown.layout, before.x + far * along, iterations=12)
             except ImpactscopeError:
                 continue
             best = min(best, made, key=lambda f: f.chi_square)
     return best
+
+
+def _scanned(before: Fit, grown: Fit, along: Array) -> list[float]:
+    """Standard deviations to either side at which a longer window is met least badly."""
+
+    def misfit(far: float) -> float:
+        try:
+            return at_point(grown.model, grown.layout, before.x + far * along).chi_square
+        except ImpactscopeError:
+            return math.inf
+
+    left = np.array(in_parallel(misfit, _SCANNED))
+    inner = np.flatnonzero((left[1:-1] <= left[:-2]) & (left[1:-1] < left[2:])) + 1
+    best = inner[np.argsort(left[inner])][:_FROM_SCAN]
+    return [_SCANNED[i] for i in best]
 
 
 def _near(found: Fit, window: float) -> Fit:
