@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.fits.innovations import innovations
 from impactscope.discrepancy.driven.fits.recordings_in_parallel import by_recording
-from impactscope.discrepancy.driven.fits.simulation_error import Fit, numbers_of
+from impactscope.discrepancy.driven.fits.simulation_error import (
+    Fit,
+    may_jump,
+    numbers_of,
+    steady_slope,
+)
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Term
 
@@ -52,7 +57,12 @@ def linearised(model: Model, made: Fit, segments: Sequence[Segment]) -> Linearis
     for name, number in numbers_of(model, made.terms):
         step = STEP * number.scale
         moved = {**made.values, name: made.values[name] + step}
-        columns.append(change(model, made, made.terms, moved, segments) / STEP)
+        if may_jump(made.terms, segments):
+            back = {**made.values, name: made.values[name] - step}
+            ways = [moved] if back[name] < number.lower else [moved, back]
+            columns.append(_steady(model, made, ways, segments) / STEP)
+        else:
+            columns.append(change(model, made, made.terms, moved, segments) / STEP)
     shared = np.stack(columns, axis=1) if columns else np.zeros((residual.size, 0))
     columns += _beginnings(model, made, segments)
     if not columns:
@@ -81,6 +91,21 @@ def _beginnings(model: Model, made: Fit, segments: Sequence[Segment]) -> list[Ar
             column[end - s.measured.size : end] = moved / STEP
             columns.append(column)
     return columns
+
+
+def _steady(
+    model: Model, made: Fit, ways: Sequence[Mapping[str, float]], segments: Sequence[Segment]
+) -> Array:
+    """Whitened change of the prediction by a step forwards, but for samples that jump, (n,)."""
+
+    def part(i: int) -> Array:
+        segment = segments[i]
+        before = segment.measured - made.residuals[i]
+        moved = [model.predict(v, made.terms, made.starts[i], segment) - before for v in ways]
+        return innovations(segment, steady_slope([moved[0], *(-x for x in moved[1:])]))
+
+    fitted = [i for i, s in enumerate(segments) if not s.held_out]
+    return np.concatenate(by_recording(part, fitted, segments))
 
 
 def change(

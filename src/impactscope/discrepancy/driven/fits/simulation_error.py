@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from scipy import signal
 from scipy.optimize import least_squares
 
 from impactscope.discrepancy.driven.fits.recordings_in_parallel import by_recording
+from impactscope.discrepancy.driven.models.candidate_effects import FRICTION
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
@@ -26,17 +28,21 @@ from impactscope.discrepancy.driven.models.terms import Number, Term, key
 __all__ = [
     'FINE',
     'Fit',
+    'beside_turns',
     'channel_scales',
     'counted',
     'fit',
+    'may_jump',
     'numbers_of',
     'plainly_begun',
     'sensitivities',
+    'steady_slope',
 ]
 
 Array = NDArray[np.float64]
 
 STEP = 1e-4  # of a number's scale, for differences
+LEAP = 6.0  # times the noise: a jump that single samples cannot be trusted with
 MEMORY = 0.1  # of a recording, beyond which accumulated errors are forgotten
 BLOCKS = 24  # of a recording, for the scatter of the estimates
 MOST_EVALUATIONS = 60
@@ -108,6 +114,53 @@ def _differences(
         moved[j] += STEP
         jacobian[:, j] = (function(moved) - at_theta) / STEP
     return jacobian
+
+
+def may_jump(terms: Sequence[Term], segments: Sequence[Segment]) -> bool:
+    """Whether predictions jump: under dry friction the acceleration does where a motion turns."""
+    return any(t.name in FRICTION for t in terms) and any(s.derivative == 2 for s in segments)
+
+
+def steady_slope(ways: Sequence[Array]) -> Array:
+    """Slope of a prediction by a number from differences to either side, shape (n,).
+
+    Where the motion turns under dry friction the acceleration jumps, and a step, however small,
+    moves some turns past a sample: that sample changes by the whole jump. Over a small step such
+    changes would be most of the slope, and a fit, which sees steep walls where there is a smooth
+    valley, ends anywhere in it, with far too small uncertainties. A turn passes a sample one way
+    only: the difference to the other side is steady.
+    """
+    if len(ways) == 1:
+        return ways[0]
+    one, other = ways
+    return np.where(one * other <= 0.0, 0.0, np.where(np.abs(one) < np.abs(other), one, other))
+
+
+def beside_turns(left: Array, predicted: Array, speed: Array, least: float) -> Array:
+    """A residual by the nearer of both sides of a jump, for samples next to it; shape (n,).
+
+    The moment at which a motion turns is known no better than the force: whether a sample lies
+    before or behind it may be chance, but off by the whole jump it would outweigh all others.
+
+    Args:
+        left: measured minus predicted.
+        predicted: acceleration.
+        speed: that goes with it.
+        least: jump from which this is so; smaller ones are no more than noise.
+    """
+    way = np.sign(speed)
+    before = np.flatnonzero(way[1:-2] != way[2:-1]) + 1  # samples just before a turn
+    from_before = 2.0 * predicted[before] - predicted[before - 1]
+    from_behind = 2.0 * predicted[before + 1] - predicted[before + 2]
+    leaps = np.minimum(
+        np.abs(from_before - predicted[before + 1]), np.abs(from_behind - predicted[before])
+    )
+    far = leaps > least
+    made = left.copy()
+    for at, other in ((before[far], from_behind[far]), (before[far] + 1, from_before[far])):
+        moved = left[at] + predicted[at] - other
+        made[at] = np.where(np.abs(moved) < np.abs(left[at]), moved, left[at])
+    return made
 
 
 def counted(model: Model, residual: Array, segment: Segment) -> Array:
@@ -186,6 +239,8 @@ def fit(
         for i, end in zip(fitted, ends, strict=True)
     }
 
+    jumps = may_jump(terms, segments)
+
     def values_of(theta: Array) -> dict[str, float]:
         return {k: float(theta[j] * n.scale) for j, (k, n) in enumerate(shared)}
 
@@ -194,7 +249,11 @@ def fit(
 
     def error(values: Mapping[str, float], begin: Array, i: int) -> Array:
         segment = segments[i]
-        left = segment.measured - model.predict(values, terms, begin, segment)
+        predicted = model.predict(values, terms, begin, segment)
+        left = segment.measured - predicted
+        if jumps and known and segment.derivative == 2:
+            _, speed = model.motion(values, terms, begin, segment)
+            left = beside_turns(left, predicted, speed, LEAP * segment.noise)
         most = FARTHEST * scales[segment.channel]
         # a model that runs away is far off: finite, so that the fit turns back
         bounded = np.nan_to_num(left, nan=most, posinf=most, neginf=-most)
@@ -202,6 +261,17 @@ def fit(
 
     def left_of(values: Mapping[str, float], begin: Array, i: int) -> Array:
         return weights[i] * counted(model, error(values, begin, i), segments[i])
+
+    def steady(theta: Array, j: int, i: int) -> Array:
+        """Slope of one recording's residual as it counts, but for samples that jump."""
+        here = error(values_of(theta), start_of(theta, i), i)
+        ways = []
+        for step in (STEP, -STEP):
+            moved = theta.copy()
+            moved[j] += step
+            if lower[j] <= moved[j] <= upper[j]:
+                ways.append((error(values_of(moved), start_of(moved, i), i) - here) / step)
+        return weights[i] * counted(model, steady_slope(ways), segments[i])
 
     last: list[tuple[Array, Array]] = []
 
@@ -219,13 +289,26 @@ def fit(
         made = next((r for t, r in last if np.array_equal(t, theta)), None)
         at_theta = residual(theta) if made is None else made
         slopes = np.zeros((at_theta.size, theta.size))
-        slopes[:, :first] = _differences(
-            lambda q: residual(np.concatenate([q, theta[first:]])), theta[:first], at_theta, frozen
-        )
+        if jumps:
+            known = 0 if frozen is None else frozen.shape[1]
+            slopes[:, :known] = 0.0 if frozen is None else frozen
+            for j in range(known, first):
+                parts = by_recording(partial(steady, theta, j), fitted, segments)
+                slopes[:, j] = np.concatenate(parts)
+        else:
+            slopes[:, :first] = _differences(
+                lambda q: residual(np.concatenate([q, theta[first:]])),
+                theta[:first],
+                at_theta,
+                frozen,
+            )
         values = values_of(theta)
 
         def own_columns(i: int) -> None:
             for j in range(place[i].start, place[i].stop):
+                if jumps:
+                    slopes[rows[i], j] = steady(theta, j, i)
+                    continue
                 moved = theta.copy()
                 moved[j] += STEP
                 left = left_of(values, start_of(moved, i), i)
