@@ -22,10 +22,12 @@ __all__ = [
     'other_zero',
     'plain_friction',
     'spring_of_position',
+    'uneven_friction',
 ]
 
 RELATIVES = ('stribeck_friction', 'asymmetric_friction')
 SLOW = ('offset', 'zero_drift', 'ac_coupling')
+UNEVEN = (1.3, 0.7)  # shares of a plain friction, from which one by direction sets out
 AS_GOOD = 4.0  # of the criterion, within which two laws are one
 
 
@@ -93,6 +95,35 @@ def friction_of_baseline(fits: Fits, best: Fit, judge: Judge) -> Fit:
             first = {key(term, n): known.get(n.name, n.starts[0]) for n in term.numbers}
             last = {key(term, n): known.get(n.name, n.starts[-1]) for n in term.numbers}
             fits.make(base, (*rest, term), first, last)
+    return _best(fits, judge)
+
+
+def uneven_friction(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """A plain friction that was found against one that differs by direction, in its place.
+
+    A search that goes on from a plain one never tries it beside that. A load that stays is the
+    rest of the same law; what a channel makes of it goes with it.
+    """
+    old = next((t for t in best.terms if t.label == 'coulomb_friction'), None)
+    uneven = next((t for t in fits.model.terms if t.name == 'asymmetric_friction'), None)
+    if old is None or uneven is None or old in fits.baseline.terms:
+        return best
+    load = next((t for t in best.terms if t.name == 'offset' and not t.output), None)
+    size = best.values[key(old, old.numbers[0])]
+    pull = 0.0 if load is None else best.values[key(load, load.numbers[0])]
+    rest = tuple(t for t in best.terms if t not in (old, load))
+    least = 0.01 * size
+    ways = [n for n in uneven.numbers if n.name.startswith('force')]
+    shares = [(size * f, size * b) for f, b in (UNEVEN, UNEVEN[::-1])]
+    if load is not None:
+        shares = [(max(size - pull, least), max(size + pull, least)), shares[0]]
+    first, last = (
+        {key(uneven, n): value for n, value in zip(ways, values, strict=True)} for values in shares
+    )
+    quick = tuple(t for t in rest if not (t.output and t.name in SLOW))
+    for others in dict.fromkeys((rest, quick)):
+        if all(uneven.stands_with(t) for t in others):
+            fits.make(best, (*others, uneven), first, last)
     return _best(fits, judge)
 
 

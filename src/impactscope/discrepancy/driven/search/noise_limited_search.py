@@ -30,6 +30,7 @@ from impactscope.discrepancy.driven.search.alternative_laws import (
     other_zero,
     plain_friction,
     spring_of_position,
+    uneven_friction,
 )
 from impactscope.discrepancy.driven.search.beam_search import Outcome, prune
 from impactscope.discrepancy.driven.search.joint_fits import Fits, labels_of
@@ -108,6 +109,7 @@ def noise_limited_search(
         beam = close[:2]
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
     best = _pruned(fits, best, judge)
+    best = _pruned(fits, uneven_friction(fits, best, judge), judge)
     best = _pruned(fits, plain_friction(fits, best, judge), judge)
     best = _pruned(fits, other_friction(fits, best, judge), judge)
     best = other_asymmetry(fits, best, judge)

@@ -34,7 +34,7 @@ from impactscope.discrepancy.driven.models.measuring_chain import (
 from impactscope.discrepancy.driven.models.mechanical_effects import Sizes
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel, inside_samples
-from impactscope.discrepancy.driven.models.terms import Term
+from impactscope.discrepancy.driven.models.terms import Term, key
 from impactscope.discrepancy.driven.systems.case import Case, Settled, throughout
 from impactscope.discrepancy.driven.systems.driven_mass_noise import whitened
 
@@ -45,6 +45,7 @@ Array = NDArray[np.float64]
 ROUNDS = 3
 MOST = 60  # evaluations
 MOVING = 20.0  # chi-square by which a recording begins in motion
+AT_FIRST = 0.5  # of that, in the first half of what the beginning does
 ASIDE = 1e-3  # of position and speed, by which a beginning is moved
 FAR = 1e4  # reduced chi-square that tells nothing of how recordings begin
 BETTER = 25.0  # chi-square by which another course between samples is believed
@@ -233,7 +234,10 @@ def _in_motion(linear: DrivenMassModel, ready: Sequence[Segment], base: Fit) -> 
         every = frozenset(name_of(s) for s in ready if s.derivative == 0)
         return dataclasses.replace(linear, moving=linear.moving | every, _last={})
     moving = set(linear.moving)
-    values, terms = base.values, base.terms
+    # where in its band friction holds a mass is seen in no beginning and bears on all that follows
+    terms = tuple(t for t in base.terms if t.name not in FRICTION)
+    held = {key(t, n) for t in base.terms if t.name in FRICTION for n in t.numbers}
+    values = {k: v for k, v in base.values.items() if k not in held}
     for i, s in enumerate(ready):
         if name_of(s) in moving:
             continue
@@ -245,10 +249,28 @@ def _in_motion(linear: DrivenMassModel, ready: Sequence[Segment], base: Fit) -> 
             moved = linear.predict(values, terms, small, s)
             columns.append(innovations(s, moved - none))
         answer = np.stack(columns, axis=1)
-        factors = np.linalg.lstsq(answer, rest, rcond=1e-9)[0]
-        if float(rest @ (answer @ factors)) > MOVING:
+        # an error of the law, or of what a blow did later, is no beginning
+        first = _first_of(answer)
+        if (
+            _explained(answer, rest) > MOVING
+            and _explained(answer[:first], rest[:first]) > AT_FIRST * MOVING
+        ):
             moving.add(name_of(s))
     return dataclasses.replace(linear, moving=frozenset(moving), _last={})
+
+
+def _first_of(answer: Array) -> int:
+    """Samples by which half of what a beginning does has been seen; ``answer``: (n, k)."""
+    size = np.linalg.norm(answer, axis=0)
+    seen = np.cumsum(np.sum((answer / np.where(size > 0.0, size, 1.0)) ** 2, axis=1))
+    return int(np.searchsorted(seen, 0.5 * seen[-1])) + 1
+
+
+def _explained(answer: Array, rest: Array) -> float:
+    """Chi-square that a beginning takes away, over that of a sample where it is more than 1."""
+    factors = np.linalg.lstsq(answer, rest, rcond=1e-9)[0]
+    left = rest - answer @ factors
+    return float(rest @ (answer @ factors)) / max(float(left @ left) / rest.size, 1.0)
 
 
 def _between(
