@@ -121,7 +121,7 @@ def uneven_friction(fits: Fits, best: Fit, judge: Judge) -> Fit:
         {key(uneven, n): value for n, value in zip(ways, values, strict=True)} for values in shares
     )
     quick = tuple(t for t in rest if not (t.output and t.name in SLOW))
-    for others in dict.fromkeys((rest, quick)):
+    for others in (rest,) if quick == rest else (rest, quick):
         if all(uneven.stands_with(t) for t in others):
             fits.make(best, (*others, uneven), first, last)
     return _best(fits, judge)
