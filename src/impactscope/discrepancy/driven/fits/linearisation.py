@@ -8,14 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.discrepancy.driven.fits.friction_jumps import may_jump, steady_slope
 from impactscope.discrepancy.driven.fits.innovations import innovations
 from impactscope.discrepancy.driven.fits.recordings_in_parallel import by_recording
-from impactscope.discrepancy.driven.fits.simulation_error import (
-    Fit,
-    may_jump,
-    numbers_of,
-    steady_slope,
-)
+from impactscope.discrepancy.driven.fits.simulation_error import Fit, numbers_of
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Term
 

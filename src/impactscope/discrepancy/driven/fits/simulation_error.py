@@ -19,8 +19,13 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.optimize import least_squares
 
+from impactscope.discrepancy.driven.fits.friction_jumps import (
+    LEAP,
+    beside_turns,
+    may_jump,
+    steady_slope,
+)
 from impactscope.discrepancy.driven.fits.recordings_in_parallel import by_recording
-from impactscope.discrepancy.driven.models.candidate_effects import FRICTION
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
@@ -28,21 +33,17 @@ from impactscope.discrepancy.driven.models.terms import Number, Term, key
 __all__ = [
     'FINE',
     'Fit',
-    'beside_turns',
     'channel_scales',
     'counted',
     'fit',
-    'may_jump',
     'numbers_of',
     'plainly_begun',
     'sensitivities',
-    'steady_slope',
 ]
 
 Array = NDArray[np.float64]
 
 STEP = 1e-4  # of a number's scale, for differences
-LEAP = 6.0  # times the noise: a jump that single samples cannot be trusted with
 MEMORY = 0.1  # of a recording, beyond which accumulated errors are forgotten
 BLOCKS = 24  # of a recording, for the scatter of the estimates
 MOST_EVALUATIONS = 60
@@ -114,53 +115,6 @@ def _differences(
         moved[j] += STEP
         jacobian[:, j] = (function(moved) - at_theta) / STEP
     return jacobian
-
-
-def may_jump(terms: Sequence[Term], segments: Sequence[Segment]) -> bool:
-    """Whether predictions jump: under dry friction the acceleration does where a motion turns."""
-    return any(t.name in FRICTION for t in terms) and any(s.derivative == 2 for s in segments)
-
-
-def steady_slope(ways: Sequence[Array]) -> Array:
-    """Slope of a prediction by a number from differences to either side, shape (n,).
-
-    Where the motion turns under dry friction the acceleration jumps, and a step, however small,
-    moves some turns past a sample: that sample changes by the whole jump. Over a small step such
-    changes would be most of the slope, and a fit, which sees steep walls where there is a smooth
-    valley, ends anywhere in it, with far too small uncertainties. A turn passes a sample one way
-    only: the difference to the other side is steady.
-    """
-    if len(ways) == 1:
-        return ways[0]
-    one, other = ways
-    return np.where(one * other <= 0.0, 0.0, np.where(np.abs(one) < np.abs(other), one, other))
-
-
-def beside_turns(left: Array, predicted: Array, speed: Array, least: float) -> Array:
-    """A residual by the nearer of both sides of a jump, for samples next to it; shape (n,).
-
-    The moment at which a motion turns is known no better than the force: whether a sample lies
-    before or behind it may be chance, but off by the whole jump it would outweigh all others.
-
-    Args:
-        left: measured minus predicted.
-        predicted: acceleration.
-        speed: that goes with it.
-        least: jump from which this is so; smaller ones are no more than noise.
-    """
-    way = np.sign(speed)
-    before = np.flatnonzero(way[1:-2] != way[2:-1]) + 1  # samples just before a turn
-    from_before = 2.0 * predicted[before] - predicted[before - 1]
-    from_behind = 2.0 * predicted[before + 1] - predicted[before + 2]
-    leaps = np.minimum(
-        np.abs(from_before - predicted[before + 1]), np.abs(from_behind - predicted[before])
-    )
-    far = leaps > least
-    made = left.copy()
-    for at, other in ((before[far], from_behind[far]), (before[far] + 1, from_before[far])):
-        moved = left[at] + predicted[at] - other
-        made[at] = np.where(np.abs(moved) < np.abs(left[at]), moved, left[at])
-    return made
 
 
 def counted(model: Model, residual: Array, segment: Segment) -> Array:
@@ -290,9 +244,10 @@ def fit(
         at_theta = residual(theta) if made is None else made
         slopes = np.zeros((at_theta.size, theta.size))
         if jumps:
-            known = 0 if frozen is None else frozen.shape[1]
-            slopes[:, :known] = 0.0 if frozen is None else frozen
-            for j in range(known, first):
+            given = 0 if frozen is None else frozen.shape[1]
+            if frozen is not None:
+                slopes[:, :given] = frozen
+            for j in range(given, first):
                 parts = by_recording(partial(steady, theta, j), fitted, segments)
                 slopes[:, j] = np.concatenate(parts)
         else:
