@@ -20,20 +20,24 @@ STIFFNESS, DAMPING, REACH = 2e4, 400.0, 0.01
 NOISE = 0.2  # N, a thousandth of the largest force
 
 
-def motions():
-    """Two fitted motions and one that is held out, with their speeds."""
+def motions(still=0.0):
+    """Two fitted motions and one that is held out, with their speeds; ``still`` s at rest."""
     time = np.arange(SAMPLES) / RATE
     for size, first, second in ((1.0, 1.3, 7.0), (0.6, 2.2, 11.0), (0.8, 0.9, 5.0)):
         a, b = 2 * np.pi * first, 2 * np.pi * second
         x = size * REACH * (0.7 * np.sin(a * time) + 0.3 * np.sin(b * time + 0.5))
         v = size * REACH * (0.7 * a * np.cos(a * time) + 0.3 * b * np.cos(b * time + 0.5))
+        if still:
+            s = np.clip((time - still) / 0.3, 0.0, 1.0)
+            x = x * s**4 * (35.0 - 84.0 * s + 70.0 * s**2 - 20.0 * s**3)
+            v = np.where(s > 0.0, CubicSpline(time, x)(time, 1), 0.0)
         yield time, x, v
 
 
-def campaign(seed, more=lambda i, t, x, v: 0.0, known=()):
+def campaign(seed, more=lambda i, t, x, v: 0.0, known=(), still=0.0):
     rng = np.random.default_rng(seed)
     entries, channels = [], {}
-    for i, (time, x, v) in enumerate(motions()):
+    for i, (time, x, v) in enumerate(motions(still)):
         force = STIFFNESS * x + DAMPING * v + more(i, time, x, v)
         force = force + NOISE * rng.standard_normal(SAMPLES)
         moved = x + 0.05 * NOISE / STIFFNESS * rng.standard_normal(SAMPLES)
@@ -112,6 +116,18 @@ def test_friction_turns_with_the_speed():
     assert answer.accepted == ('coulomb_friction',)
     found = answer.ranking[0].parameters['force']
     assert abs(found.value - 0.1) < 4.0 * found.std
+
+
+@pytest.mark.parametrize('seed', [13, 31])
+def test_friction_of_a_motion_that_starts_from_rest(seed):
+    """Which sign it has at rest is the noise's own; near the ends the speed is known less well."""
+    answer = explain_driven(campaign(seed, lambda i, t, x, v: 4.0 * np.sign(v), still=0.35))
+    assert answer.accepted == ('coulomb_friction',)
+    found = answer.ranking[0].parameters
+    assert 'turning_speed' not in found
+    assert abs(found['force'].value - 4.0) < 4.0 * found['force'].std < 0.1
+    assert 0.8 < answer.fit.extended.reduced_chi_square < 1.2
+    assert 0.8 < answer.fit.extended.held_out_reduced_chi_square < 1.2
 
 
 def test_friction_beside_a_wrong_zero_may_differ_by_direction():

@@ -20,6 +20,7 @@ from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge
 from impactscope.discrepancy.driven.model_selection.model_comparison import FINEST
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.noise.quantisation import step_of
+from impactscope.discrepancy.driven.systems.prescribed_noise_limited import PrescribedMotionNoise
 from impactscope.discrepancy.evidence import (
     family_p_value,
     first_discoveries,
@@ -197,7 +198,7 @@ def _figures(s: Subject, made: Fit, floor: Mapping[str, float]) -> FitFigures:
         found = {}
         for channel in dict.fromkeys(x.channel for x in s.segments):
             parts = [
-                made.residuals[i]
+                _told(x, made.residuals[i])
                 for i, x in enumerate(s.segments)
                 if x.channel == channel and x.held_out == held_out
             ]
@@ -211,6 +212,14 @@ def _figures(s: Subject, made: Fit, floor: Mapping[str, float]) -> FitFigures:
 
     fitted, held_out = rmse(False), rmse(True)
     return FitFigures(fitted, held_out, reduced(fitted), reduced(held_out))
+
+
+def _told(segment: Segment, residual: Array) -> Array:
+    """What is left of the samples that count: none of those at which dry friction has no sign."""
+    known = segment.whitener
+    if isinstance(known, PrescribedMotionNoise) and known.turns is not None:
+        return residual[~known.turns]
+    return residual
 
 
 def traces(s: Subject, base: Fit, final: Fit) -> tuple[Trace, ...]:

@@ -57,6 +57,7 @@ RELAXES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times over the motion's own, to se
 ON_A_SAMPLE = 0.02  # of the time between samples, within which a motion turns round on one
 SLOW = 3.0  # times the noise of the speed, below which a motion may as well rest
 REST = 16  # samples at rest, after which slow noise is met anew
+BY_CHANCE = 6.0  # the same, for a moment within a rest
 RESTS = 8.0  # independent values of the speed in a row, from which it does
 BEYOND = 3.0  # samples, by which a force is continued beyond its ends
 
@@ -343,14 +344,29 @@ def _turns(course: Trajectory, period: float, order: int) -> NDArray[np.bool_] |
     """
     _, speed, acceleration = course.motion
     turns = np.abs(speed) < ON_A_SAMPLE * period * np.abs(acceleration)
+    turns |= _rests(course, period, order)
+    return turns if np.any(turns) else None
+
+
+def _rests(course: Trajectory, period: float, order: int) -> NDArray[np.bool_]:
+    """Samples in which a motion may as well rest, shape (n,).
+
+    Near its ends a course is known less well, and in a long rest noise goes beyond any limit now
+    and then: neither ends one.
+    """
     passed = 2.0 * period * course.band
     if order == 0:
         passed *= (2.0 * math.pi * course.band) ** 2 / 3.0
-    slow = np.abs(speed) <= SLOW * course.noise * math.sqrt(passed)
-    for first, last in _runs(slow):
-        if 2.0 * course.band * period * (last - first) > RESTS:
-            turns[first:last] = True
-    return turns if np.any(turns) else None
+    known = np.sqrt(course.noise**2 * passed + course.ends[1])
+    speed = np.abs(course.motion[1])
+    slow = speed <= SLOW * known
+    long = [r for r in _runs(slow) if 2.0 * course.band * period * (r[1] - r[0]) > RESTS]
+    rests = np.zeros(speed.size, np.bool_)
+    for first, last in _runs(speed <= BY_CHANCE * known):
+        if any(first <= a and b <= last for a, b in long):
+            inside = first + np.flatnonzero(slow[first:last])
+            rests[inside[0] : inside[-1] + 1] = True
+    return rests
 
 
 def _runs(marked: NDArray[np.bool_], least: int = 1) -> list[tuple[int, int]]:
@@ -388,6 +404,9 @@ def _course(cut: Cut) -> Trajectory:
 
 
 def _segment(cut: Cut, course: Trajectory) -> Segment:
+    motion = course.motion.copy()
+    # what noise makes of the speed at rest would have friction chatter
+    motion[1, _rests(course, 1.0 / cut.rate, derivative_of(cut.drive_unit))] = 0.0
     return Segment(
         cut.recording,
         cut.channel,
@@ -396,7 +415,7 @@ def _segment(cut: Cut, course: Trajectory) -> Segment:
         cut.begin,
         1.0 / cut.rate,
         cut.output,
-        course.motion,
+        motion,
         noise=cut.noise,
     )
 
