@@ -29,6 +29,7 @@ from impactscope.discrepancy.driven.findings.ranking import (
     findings_of,
     modal_finding,
     unknown_finding,
+    unlikely,
     wrong_parameters,
 )
 from impactscope.discrepancy.driven.findings.subject import Subject
@@ -42,7 +43,6 @@ __all__ = ['describe', 'leaves_most']
 MOST = 0.95
 MOST_BESIDE = 0.7  # where something that is not known stands beside them
 MOST_OF_IT = 0.5  # of chi-square beyond what noise leaves
-LIKELY = 0.3  # probability from which a name stands beside something unknown
 FAR_LEFT = 2.0  # reduced chi-square, beyond which what is left is no noise that was misjudged
 
 
@@ -63,13 +63,21 @@ def describe(s: Subject) -> Answer:
     if instead and table(s, base, final).loses:
         final = base
     unexplained, sentence = left_over(s, base, final)
-    if new and unexplained and not instead and leaves_most(table(s, base, final)):
-        if s.verdict is None:
-            rivals = (s.outcome.best, *s.outcome.rivals)
-            return describe(
-                dataclasses.replace(s, outcome=Outcome(base, base, rivals, believed=False))
-            )
-        instead, final = True, base
+    doubted: frozenset[str] = frozenset()
+    if new and unexplained and not instead:
+        doubted = unlikely(s, new)
+        none = doubted == {t.name for t in new}
+        if none or leaves_most(table(s, base, final)):
+            if s.verdict is None:
+                rivals = (s.outcome.best, *s.outcome.rivals)
+                return describe(
+                    dataclasses.replace(s, outcome=Outcome(base, base, rivals, believed=False))
+                )
+            instead, final = True, base
+        if none or instead:
+            doubted = frozenset()
+        accepted = [name for name in accepted if name not in doubted]
+        findings.sort(key=lambda f: f.name in doubted)
     if s.verdict is not None and s.verdict.left:
         unknown = unknown_finding(s.verdict)
         if instead:
@@ -85,12 +93,6 @@ def describe(s: Subject) -> Answer:
     elif unexplained:
         findings.insert(len(accepted), Finding('unknown', 1.0, 'unknown', sentence=sentence))
         accepted.append('unknown')
-    if 'unknown' in accepted:  # beside which an unlikely name is none
-        taken, tried = findings[: len(accepted)], findings[len(accepted) :]
-        sure = [f.name == 'unknown' or f.probability >= LIKELY for f in taken]
-        kept = [f for f, yes in zip(taken, sure, strict=True) if yes]
-        findings = [*kept, *(f for f, yes in zip(taken, sure, strict=True) if not yes), *tried]
-        accepted = [f.name for f in kept]
     beside = 'unknown' in accepted and len(accepted) > 1
     findings = [_modest(f, MOST_BESIDE if beside else MOST) for f in findings]
     detected = bool(accepted)
@@ -116,11 +118,15 @@ def describe(s: Subject) -> Answer:
         baseline=s.campaign.baseline_names,
         baseline_parameters=_estimates(s, base, units),
         extended_parameters=_extended(s, base, final, units),
-        model=_saved(s, () if instead else new, wrong),
+        model=_saved(s, () if instead else tuple(t for t in new if t.name not in doubted), wrong),
         notes=(
             *s.notes,
             *(() if unexplained or not sentence else (sentence,)),
-            *(stand_ins_told(t.name for t in new) if instead and final is not base else ()),
+            *(
+                stand_ins_told(t.name for t in new if instead or t.name in doubted)
+                if final is not base
+                else ()
+            ),
         ),
         traces=traces(s, base, final),
     )

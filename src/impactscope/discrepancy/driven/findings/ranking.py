@@ -29,13 +29,21 @@ from impactscope.discrepancy.driven.systems.prescribed_motion import PrescribedM
 from impactscope.discrepancy.driven.systems.prescribed_noise_limited import NoiseLimitedMotionModel
 from impactscope.discrepancy.evidence import probabilities
 
-__all__ = ['STATED', 'findings_of', 'modal_finding', 'unknown_finding', 'wrong_parameters']
+__all__ = [
+    'STATED',
+    'findings_of',
+    'modal_finding',
+    'unknown_finding',
+    'unlikely',
+    'wrong_parameters',
+]
 
 STATED = (
     ('stiffness', 'stiffness'),
     ('moving_mass', 'mass'),
     ('damping', 'damping'),
 )  # in campaigns and in fits
+LIKELY = 0.5  # probability below which nothing is named beside something unknown
 APART = 0.3  # relative difference of two numbers that is to be excluded
 REFUSED = 0.5  # probability of what a criterion may like and the rule against chance refuses
 EXCESS = 0.2  # of friction at rest over that in motion, likewise
@@ -64,12 +72,7 @@ def unknown_finding(verdict: Verdict) -> Finding:
 
 def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
     """Accepted terms first, then what else was tried, by probability."""
-    fits = [s.outcome.best, *s.outcome.rivals]
-    for made in fits:
-        s.judge.weights(made)
-    if s.case is not None:
-        fits = _one_form_each(s, fits)
-    weight = probabilities([s.judge.criterion(f, s.outcome.baseline) for f in fits])
+    fits, weight = _weighted(s)
     given = {t.name for t in s.outcome.baseline.terms}
     best = {t.name for t in s.outcome.best.terms}
     share: dict[str, float] = {}
@@ -99,6 +102,33 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
         term, made, _ = source[name]
         found.append(_finding(s, term, made, min(share[name], REFUSED), ()))
     return found
+
+
+def unlikely(s: Subject, new: Sequence[Term]) -> frozenset[str]:
+    """Names of terms that are likelier not there than there, in this law or one of its kind.
+
+    The search has chosen them because something is needed; other effects do as well.
+    """
+    fits, weight = _weighted(s)
+    found = set()
+    for term in new:
+        alike = (*_same_law(s, term), *_other_delay(s, term, fits), *_one_way(s, term))
+        there = [
+            any(t.name in alike or not t.stands_with(term) for t in made.terms) for made in fits
+        ]
+        if math.fsum(p for p, of_its in zip(weight, there, strict=True) if of_its) < LIKELY:
+            found.add(term.name)
+    return frozenset(found)
+
+
+def _weighted(s: Subject) -> tuple[list[Fit], list[float]]:
+    """The chosen fit and its rivals, and the probability of each."""
+    fits = [s.outcome.best, *s.outcome.rivals]
+    for made in fits:
+        s.judge.weights(made)
+    if s.case is not None:
+        fits = _one_form_each(s, fits)
+    return fits, probabilities([s.judge.criterion(f, s.outcome.baseline) for f in fits])
 
 
 def _one_form_each(s: Subject, fits: Sequence[Fit]) -> list[Fit]:

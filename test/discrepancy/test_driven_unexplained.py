@@ -1,0 +1,35 @@
+"""What is said of what findings leave."""
+
+from types import SimpleNamespace
+
+from impactscope.discrepancy.driven.findings.ranking import unlikely
+
+
+def effect(name, *excludes):
+    def stands_with(other):
+        return name != other.name and name not in other.excludes and other.name not in excludes
+
+    return SimpleNamespace(name=name, label=name, excludes=excludes, stands_with=stands_with)
+
+
+def subject(*fits):
+    """The first fit is the chosen one; each with what a criterion says of it."""
+    made = [SimpleNamespace(terms=terms, added=len(terms)) for terms, _ in fits]
+    of = {id(m): criterion for m, (_, criterion) in zip(made, fits, strict=True)}
+    judge = SimpleNamespace(weights=lambda _: (), criterion=lambda f, _: of[id(f)])
+    outcome = SimpleNamespace(baseline=made[-1], best=made[0], rivals=made[1:])
+    return SimpleNamespace(outcome=outcome, judge=judge, case=None, model=None)
+
+
+def test_an_effect_that_is_likelier_not_there_is_no_finding_beside_something_unknown():
+    spring, drag = effect('hardening_spring'), effect('quadratic_damping')
+    plain, uneven = (
+        effect('coulomb_friction', 'asymmetric_friction'),
+        effect('asymmetric_friction'),
+    )
+    both = subject(((spring, drag), 0.0), ((uneven,), -6.0), ((spring,), 2.0), ((), 9.0))
+    assert unlikely(both, (spring, drag)) == {'hardening_spring', 'quadratic_damping'}
+    likely = subject(((spring,), 0.0), ((uneven,), 4.0), ((), 9.0))
+    assert not unlikely(likely, (spring,))
+    # that there is friction is sure, if not by which law
+    assert not unlikely(subject(((plain,), 0.0), ((uneven,), -4.0), ((), 30.0)), (plain,))
