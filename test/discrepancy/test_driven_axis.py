@@ -50,11 +50,12 @@ def pulled_back(x, spring):
 
 
 @njit
-def axis(reference, friction, load, spring, base, cogging, drag=0.0):
+def axis(reference, friction, load, spring, base, cogging, drag=0.0, uneven=0.0):
     """Encoder positions and commanded forces; exact sliding at small steps, friction implicit.
 
     ``spring``: see ``pulled_back``; ``base``: on which drive and guide stand; ``cogging``: force
-    and period along the position; ``drag``: of the square of the speed, N s^2/m^2.
+    and period along the position; ``drag``: of the square of the speed, N s^2/m^2;
+    ``uneven``: growth of the friction with the distance from the middle, N/m.
     """
     step = 1.0 / (RATE * FINE)
     keep = np.exp(-step * DAMPING / MASS)
@@ -81,7 +82,8 @@ def axis(reference, friction, load, spring, base, cogging, drag=0.0):
                 sway_speed += step * beside
                 sway += step * sway_speed
             free = keep * v + push * pull
-            new = np.sign(free) * max(abs(free) - push * friction, 0.0)
+            rub = friction + uneven * abs(x)
+            new = np.sign(free) * max(abs(free) - push * rub, 0.0)
             x += 0.5 * step * (v + new)
             v = new
     return positions, forces
@@ -103,13 +105,15 @@ def closed_loop(
     cogging=EVEN,
     farther=1.0,
     drag=0.0,
+    ripple=0.0,
+    uneven=0.0,
 ):
     rng = np.random.default_rng(seed)
     channels, entries = {}, []
     for i in range(3):
         file = f'r{i}.mcap'
         reference = course(4.0, 0.05 * (farther if i == 2 else 1.0), rng)
-        positions, forces = axis(reference, friction, load, spring, base, cogging, drag)
+        positions, forces = axis(reference, friction, load, spring, base, cogging, drag, uneven)
         positions = np.concatenate([np.full(late, positions[0]), positions])[: positions.size]
         if smooth:
             positions = signal.filtfilt(*signal.butter(1, smooth, fs=RATE), positions)
@@ -120,6 +124,10 @@ def closed_loop(
             )
             positions = positions + wander * slow[3000:]
         time = np.arange(forces.size) / RATE
+        if ripple:  # the controller is too slow to follow it
+            phase = rng.uniform(0.0, 6.0)
+            positions = positions + ripple * np.sin(2.0 * np.pi * 50.05 * time + phase)
+            positions = STEP * np.rint(positions / STEP)
         forces = forces + hum * np.sin(2.0 * np.pi * 50.05 * time + rng.uniform(0.0, 6.0))
         if shaky:
             forces = forces + rng.normal(scale=shaky, size=forces.size)
@@ -287,6 +295,30 @@ def test_hum_of_the_recorded_force():
     assert found.parameters['amplitude'].unit == 'N'
     assert found.parameters['amplitude'].value == pytest.approx(15.0, rel=0.1)
     assert found.parameters['frequency'].value == pytest.approx(50.05, abs=0.02)
+
+
+@pytest.mark.parametrize('ripple', [1e-5, 8e-5])
+def test_a_hum_of_the_encoder_beside_dry_friction(ripple):
+    """Slight against what friction does, but far more than noise."""
+    answer = explain_driven(closed_loop(3, friction=9.0, ripple=ripple))
+    assert set(answer.accepted) == {'coulomb_friction', 'mains_hum'}
+    found = {f.name: f.parameters for f in answer.findings}
+    assert found['coulomb_friction']['force'].value == pytest.approx(9.0, rel=0.01)
+    assert found['mains_hum']['amplitude'].value == pytest.approx(ripple, rel=0.05)
+    assert not answer.unexplained
+
+
+@pytest.mark.parametrize(('seed', 'dropped'), [(1, ''), (11, 'clock_error')])
+def test_what_friction_leaves_that_grows_with_the_distance_is_said(seed, dropped):
+    """Dry friction takes most of it; what else an error of its law brings is no finding."""
+    answer = explain_driven(closed_loop(seed, friction=3.0, uneven=150.0))
+    assert answer.accepted == ('coulomb_friction',)
+    assert answer.unexplained
+    said = answer.unexplained_description
+    assert said.startswith('More than noise is left')
+    assert 'times the noise' in said
+    assert ' Hz, and largest from ' in said
+    assert any(dropped in note for note in answer.notes) or not dropped
 
 
 def test_a_stated_damping_that_is_wrong():

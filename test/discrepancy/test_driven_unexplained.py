@@ -2,7 +2,11 @@
 
 from types import SimpleNamespace
 
+import numpy as np
+import pytest
+
 from impactscope.discrepancy.driven.findings.ranking import unlikely
+from impactscope.discrepancy.driven.findings.residual_size import _louder_than_its_noise
 
 
 def effect(name, *excludes):
@@ -33,3 +37,11 @@ def test_an_effect_that_is_likelier_not_there_is_no_finding_beside_something_unk
     assert not unlikely(likely, (spring,))
     # that there is friction is sure, if not by which law
     assert not unlikely(subject(((plain,), 0.0), ((uneven,), -4.0), ((), 30.0)), (plain,))
+
+
+@pytest.mark.parametrize(('size', 'louder'), [(1.2, False), (2.3, True)])
+def test_what_is_left_has_the_power_of_its_noise(size, louder):
+    left = size * np.random.default_rng(4).standard_normal(2000)
+    whole = SimpleNamespace(noise=1.0, held_out=False, whitener=None)
+    case, made = SimpleNamespace(segments=[whole]), SimpleNamespace(residuals=[left])
+    assert bool(_louder_than_its_noise(case, made)) is louder

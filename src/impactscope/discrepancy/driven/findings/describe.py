@@ -62,12 +62,12 @@ def describe(s: Subject) -> Answer:
     instead = s.verdict is not None and s.verdict.left and s.verdict.instead
     if instead and table(s, base, final).loses:
         final = base
-    unexplained, sentence = left_over(s, base, final)
+    stranger, sentence = left_over(s, base, final)
     doubted: frozenset[str] = frozenset()
-    if new and unexplained and not instead:
+    if new and sentence and not instead:
         doubted = unlikely(s, new)
         none = doubted == {t.name for t in new}
-        if none or leaves_most(table(s, base, final)):
+        if stranger and (none or leaves_most(table(s, base, final))):
             if s.verdict is None:
                 rivals = (s.outcome.best, *s.outcome.rivals)
                 return describe(
@@ -90,12 +90,16 @@ def describe(s: Subject) -> Answer:
         else:
             findings.insert(len(accepted), unknown)
             accepted.append('unknown')
-    elif unexplained:
+    elif stranger:
         findings.insert(len(accepted), Finding('unknown', 1.0, 'unknown', sentence=sentence))
         accepted.append('unknown')
     beside = 'unknown' in accepted and len(accepted) > 1
     findings = [_modest(f, MOST_BESIDE if beside else MOST) for f in findings]
     detected = bool(accepted)
+    # what findings leave is not known, be it an error of their laws or of all else in the model
+    unexplained = stranger or bool(sentence and accepted)
+    if unexplained and not stranger:
+        sentence = f'More than noise is left, and not known what it is: {sentence}'
     taken = findings[: len(accepted)]
     subsystems = tuple(dict.fromkeys(f.subsystem for f in taken if f.subsystem))
     tests = tuple(dict.fromkeys(_tests(s, new, taken)))

@@ -20,7 +20,7 @@ from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge
 from impactscope.discrepancy.driven.model_selection.model_comparison import FINEST
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.noise.quantisation import step_of
-from impactscope.discrepancy.driven.systems.prescribed_noise_limited import PrescribedMotionNoise
+from impactscope.discrepancy.driven.systems.prescribed_noise_limited import counting_of
 from impactscope.discrepancy.evidence import (
     family_p_value,
     first_discoveries,
@@ -77,7 +77,10 @@ def _rms(values: Array) -> float:
 
 
 def left_over(s: Subject, base: Fit, final: Fit) -> tuple[bool, str]:
-    """Whether what is left asks for an explanation, and a sentence on it."""
+    """Whether what is left is as much as if nothing were known, and a sentence on it.
+
+    The sentence is empty where noise is all that is left.
+    """
     if s.verdict is not None:
         return s.verdict.left, unknown_finding(s.verdict).sentence if s.verdict.left else ''
     worst: tuple[float, bool, str] = (0.0, False, '')
@@ -94,14 +97,24 @@ def left_over(s: Subject, base: Fit, final: Fit) -> tuple[bool, str]:
         much = left > REMOVED * before or left > TOO_LARGE * size
         asks = (stated or left > LARGE * size) and much
         low, high = _band(residual, segment.period)
+        begin, end = _loudest(segment, residual)
         text = (
             f'{segment.recording}: {left:.3g} {segment.unit} rms of {segment.channel} is left '
             f'({left / size:.2g} of the signal, {ratio:.3g} times the noise), mostly from '
-            f'{low:.3g} to {high:.3g} Hz.'
+            f'{low:.3g} to {high:.3g} Hz, and largest from {begin:.4g} to {end:.4g} s.'
         )
         if (asks, left / size) > (worst[1], worst[0]):
             worst = left / size, asks, text
     return worst[1], worst[2]
+
+
+def _loudest(segment: Segment, residual: Array) -> tuple[float, float]:
+    """From when to when most of a residual is, s after the recording's first sample."""
+    parts = np.array_split(residual, min(WINDOWS, residual.size))
+    place = int(np.argmax([np.mean(p**2) for p in parts]))
+    first = sum(p.size for p in parts[:place])
+    edges = first, first + parts[place].size
+    return segment.begin + segment.period * edges[0], segment.begin + segment.period * edges[1]
 
 
 def _band(residual: Array, period: float) -> tuple[float, float]:
@@ -198,7 +211,7 @@ def _figures(s: Subject, made: Fit, floor: Mapping[str, float]) -> FitFigures:
         found = {}
         for channel in dict.fromkeys(x.channel for x in s.segments):
             parts = [
-                _told(x, made.residuals[i])
+                counting_of(x, made.residuals[i])
                 for i, x in enumerate(s.segments)
                 if x.channel == channel and x.held_out == held_out
             ]
@@ -212,14 +225,6 @@ def _figures(s: Subject, made: Fit, floor: Mapping[str, float]) -> FitFigures:
 
     fitted, held_out = rmse(False), rmse(True)
     return FitFigures(fitted, held_out, reduced(fitted), reduced(held_out))
-
-
-def _told(segment: Segment, residual: Array) -> Array:
-    """What is left of the samples that count: none of those at which dry friction has no sign."""
-    known = segment.whitener
-    if isinstance(known, PrescribedMotionNoise) and known.turns is not None:
-        return residual[~known.turns]
-    return residual
 
 
 def traces(s: Subject, base: Fit, final: Fit) -> tuple[Trace, ...]:

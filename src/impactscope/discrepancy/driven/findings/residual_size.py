@@ -17,11 +17,16 @@ from impactscope.discrepancy.driven.adequacy.unmodelled_laws import UnmodelledLa
 from impactscope.discrepancy.driven.fits.innovations import innovations
 from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit, numbers_of
 from impactscope.discrepancy.driven.model_selection.chi_square import slight
+from impactscope.discrepancy.driven.model_selection.model_comparison import counting_samples
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
 from impactscope.discrepancy.driven.search.beam_search import Outcome
 from impactscope.discrepancy.driven.systems.case import Case
-from impactscope.discrepancy.driven.systems.prescribed_noise_limited import NoiseLimitedMotionModel
+from impactscope.discrepancy.driven.systems.chain import ChainModel
+from impactscope.discrepancy.driven.systems.prescribed_noise_limited import (
+    NoiseLimitedMotionModel,
+    counting_of,
+)
 from impactscope.discrepancy.evidence import quantisation_step
 
 __all__ = ['LARGER', 'SURE', 'comes_with_the_signal', 'left_open', 'more_than_noise']
@@ -45,9 +50,9 @@ MOST = 4.0  # times the noise: what a single sample may count, for some stand ou
 def more_than_noise(case: Case, outcome: Outcome, said: Verdict) -> Verdict:
     """What a verdict becomes where more than noise is left, whatever it looks like.
 
-    Of plates and chains the noise's level is known less well: there a recording is compared with
-    what is left of the others, and only where nothing was found. A recording that was held out
-    may be missed as far as the fitted ones leave the numbers open.
+    Of plates and chains the noise's level is known less well: there more than twice the noise is
+    asked for. Where nothing was found a recording is compared with what is left of the others. A
+    recording that was held out may be missed as far as the fitted ones leave the numbers open.
     """
     if said.left:
         return said
@@ -55,21 +60,29 @@ def more_than_noise(case: Case, outcome: Outcome, said: Verdict) -> Verdict:
     alone = best is outcome.baseline
     before, left = case.judge.chi_squares(outcome.baseline), case.judge.chi_squares(best)
     usual, larger = 1.0, LARGER
-    if not (isinstance(case.model, NoiseLimitedMotionModel) or case.model.drifts):
-        if not alone:
+    known = isinstance(case.model, NoiseLimitedMotionModel) or case.model.drifts
+    if not known:
+        if not alone and isinstance(case.model, ChainModel):
             return said
         pairs = zip(left, case.segments, strict=True)
         ratios = [x / s.measured.size for x, s in pairs if not s.held_out]
-        usual, larger = max(1.0, float(np.median(ratios))), MUCH_LARGER
+        usual, larger = max(1.0, float(np.median(ratios))) if alone else 1.0, MUCH_LARGER
     for s, was, chi_square in zip(case.segments, before, left, strict=True):
         count = s.measured.size
         error = slight(best) * was / count
+        if not any(t.rough for t in best.terms):  # however much a law has explained
+            error = min(error, larger)
         if chi_square / count > usual * (1.0 + larger + SURE * math.sqrt(2.0 / count)) + error:
             if s.held_out and left_open(case, best):
                 continue
             law = f'nothing that was tried; {s.recording} is left {chi_square / count:.3g} times'
             rest = UnmodelledLaw(f'{law} its noise in power', chi_square - count, 1)
             return Verdict(True, alone, rest, 1.0)
+    if known and not alone:
+        louder = _louder_than_its_noise(case, best)
+        if louder:
+            rest = UnmodelledLaw(f'nothing that was tried; {louder}', 1e3, 1)
+            return Verdict(True, False, rest, 1.0)
     doubt = _no_machine(best) or _comes_and_goes(case, best) if alone else ''
     if doubt:
         return Verdict(True, True, UnmodelledLaw(f'nothing that was tried; {doubt}', 1e3, 1), 1.0)
@@ -82,6 +95,20 @@ def more_than_noise(case: Case, outcome: Outcome, said: Verdict) -> Verdict:
             True, alone, UnmodelledLaw(loudest[1], (loudest[0] - 1.0) * STRETCH, 1), 1.0
         )
     return said
+
+
+def _louder_than_its_noise(case: Case, made: Fit) -> str:
+    """What is left of the fitted recordings, where its noise has no such power at all.
+
+    A filter makes anything white; whether noise of that colour is as loud is another question.
+    """
+    pairs = zip(case.segments, made.residuals, strict=True)
+    rows = [(s, counting_of(s, r)) for s, r in pairs if not s.held_out]
+    power = float(np.mean([np.mean(r**2) / s.noise**2 for s, r in rows]))
+    independent = math.fsum(counting_samples(r) for _, r in rows)
+    if power < 1.0 + MUCH_LARGER + SURE * math.sqrt(2.0 / independent):
+        return ''
+    return f'what is left is {power:.3g} times its noise in power'
 
 
 def left_open(case: Case, made: Fit) -> bool:

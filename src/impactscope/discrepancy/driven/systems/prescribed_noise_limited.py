@@ -43,7 +43,13 @@ from impactscope.discrepancy.driven.noise.coloured_noise import Colour, Forgetti
 from impactscope.discrepancy.driven.noise.spectral_whitening import weight_by_runs
 from impactscope.discrepancy.driven.systems.case import Case, throughout
 
-__all__ = ['PARTS', 'NoiseLimitedMotionModel', 'PrescribedMotionNoise', 'prescribed_case']
+__all__ = [
+    'PARTS',
+    'NoiseLimitedMotionModel',
+    'PrescribedMotionNoise',
+    'counting_of',
+    'prescribed_case',
+]
 
 Array = NDArray[np.float64]
 
@@ -373,6 +379,14 @@ def _runs(marked: NDArray[np.bool_], least: int = 1) -> list[tuple[int, int]]:
     """First sample of each run of marked ones, and the one behind its last."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]])))
     return [(a, b) for a, b in ends.reshape(-1, 2).tolist() if b - a >= least]
+
+
+def counting_of(segment: Segment, values: Array) -> Array:
+    """Values, shape (n,), at the samples that count: none at which friction has no sign."""
+    known = segment.whitener
+    if isinstance(known, PrescribedMotionNoise) and known.turns is not None:
+        return values[~known.turns]
+    return values
 
 
 def _between(values: Array, left_out: NDArray[np.bool_]) -> Array:
