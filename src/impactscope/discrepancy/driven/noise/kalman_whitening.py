@@ -18,7 +18,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, ndimage, signal
+from scipy import fft, linalg, ndimage
 
 from impactscope.discrepancy.driven.compiled import compiled
 from impactscope.discrepancy.driven.noise.coloured_noise import Colour, kept
@@ -33,8 +33,8 @@ BEYOND = 5.0  # standard deviations of the noise from which a blow begins
 MARGIN = 0.1  # of a blow's length is kept before and after it
 PAD = 3  # samples besides
 LONGEST = 0.1  # s: what lasts longer is no blow of a hammer
-HALVES = (2, 3, 5, 8, 12)  # neighbours on each side
-AGREE = 2.0  # standard deviations
+ORDERS = (1, 2, 3, 4)  # of the penalty on a rough force
+CORNERS = 24  # of the smoothing that are tried
 CORNER = 24.0  # fourth difference over error of the force beside a corner of its course
 
 
@@ -76,52 +76,39 @@ def hammer_force(samples: Array, period: float) -> HammerForce | None:
             found.append((begin, end))
     if not found:
         return None
-    smooth, left = _smoothed(samples, noise)
     force, variance, smooth_variance = (np.zeros(samples.size) for _ in range(3))
     fourth = np.zeros(samples.size)
     fourth[2:-2] = np.abs(np.diff(samples, 4)) / CORNER
     fourth = ndimage.maximum_filter1d(fourth, 3)
     for begin, end in found:
-        force[begin:end] = _same_moments(samples[begin:end], smooth[begin:end]) - level
+        force[begin:end], left = _smoothed(samples[begin:end] - level, noise)
         variance[begin:end] = noise**2 + fourth[begin:end] ** 2
-        smooth_variance[begin:end] = left[begin:end]
+        smooth_variance[begin:end] = left
     return HammerForce(force, variance, smooth_variance, noise, tuple(found))
 
 
-def _same_moments(samples: Array, smooth: Array) -> Array:
-    """Smoothed samples of a blow with the impulse and the first two moments of the measured ones.
+def _smoothed(samples: Array, noise: float) -> tuple[Array, float]:
+    """A blow without as much of its noise as its course allows, and what variance is left.
 
-    Smoothing may be wrong a little everywhere, but not in sum: that is what rings on.
+    Else any low-pass of the prediction would seem to explain the recording: it would smooth the
+    force. Penalised least squares in the cosine basis (Garcia, Comput. Stat. Data Anal. 54
+    (2010)), the order of the penalty and its weight by Stein's unbiased estimate of the risk: what
+    smoothing gets wrong stays below the noise that it takes. The impulse is that of the samples.
     """
-    time = np.linspace(-1.0, 1.0, samples.size)
-    powers = np.stack([np.ones_like(time), time, time**2])
-    shapes = powers * (1.0 - time**2)
-    return np.asarray(
-        smooth + np.linalg.solve(powers @ shapes.T, powers @ (samples - smooth)) @ shapes
-    )
-
-
-def _smoothed(samples: Array, noise: float) -> tuple[Array, Array]:
-    """Samples without as much of their noise as their course allows, and what variance is left.
-
-    Parabolas through as many neighbours as agree with those through fewer (intersection of
-    confidence intervals; Goldenshluger and Nemirovski, Math. Methods Stat. 6 (1997)). Else any
-    low-pass of the prediction would seem to explain the recording: it would smooth the force.
-    """
-    chosen, left = samples.copy(), np.full(samples.size, noise**2)
-    low, high = samples - AGREE * noise, samples + AGREE * noise
-    open_ = np.ones(samples.size, dtype=np.bool_)
-    for half in HALVES:
-        width = 2 * half + 1
-        if width > samples.size:
-            break
-        share = float(np.sum(signal.savgol_coeffs(width, 2) ** 2))
-        wider = signal.savgol_filter(samples, width, 2)
-        reach = AGREE * noise * math.sqrt(share)
-        low, high = np.maximum(low, wider - reach), np.minimum(high, wider + reach)
-        open_ &= low <= high
-        chosen[open_], left[open_] = wider[open_], noise**2 * share
-    return chosen, left
+    n = samples.size
+    waves = fft.dct(samples, norm='ortho')
+    bends = 2.0 - 2.0 * np.cos(np.pi * np.arange(n) / n)
+    least, kept_share = n * noise**2, np.ones(n)  # the samples as they are
+    for corner in np.geomspace(min(2.0 / n, 0.5), 1.0, CORNERS):
+        ratio = bends / (2.0 - 2.0 * math.cos(math.pi * corner))
+        for order in ORDERS:
+            share = 1.0 / (1.0 + ratio**order)
+            wrong = float(np.sum(((1.0 - share) * waves) ** 2))
+            risk = wrong + noise**2 * (2.0 * float(np.sum(share)) - n)
+            if risk < least:
+                least, kept_share = risk, share
+    made = fft.idct(kept_share * waves, norm='ortho')
+    return np.asarray(made), noise**2 * float(np.mean(kept_share**2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
