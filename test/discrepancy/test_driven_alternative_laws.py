@@ -1,11 +1,16 @@
 """What could stand in the place of what was found."""
 
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 from scipy import signal
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.search.alternative_laws import plain_friction
+from impactscope.discrepancy.driven.search.joint_fits import Fits, labels_of
 
 RATE, SAMPLES, NOISE = 1000.0, 4000, 0.3
 CHANNELS = 'force.before', 'force.after'
@@ -39,3 +44,38 @@ def test_a_coupling_beside_an_offset():
     corner, level = numbers['ac_coupling']['corner'], numbers['offset']['value']
     assert abs(corner.value - 0.09) < 4.0 * corner.std < 0.02
     assert abs(level.value + 0.08) < 4.0 * level.std < 0.08
+
+
+@pytest.mark.parametrize(('again', 'taken'), [(21.0, True), (90.0, False)])
+def test_plain_friction_is_tried_again_where_it_had_stood_still(again, taken):
+    """Met before a play beside it was known, it may have stopped where no slope leads on."""
+    force = SimpleNamespace(name='force')
+    plain = SimpleNamespace(label='coulomb_friction', name='coulomb_friction', numbers=(force,))
+    peaked = SimpleNamespace(
+        label='stribeck_friction',
+        name='stribeck_friction',
+        numbers=tuple(SimpleNamespace(name=n) for n in ('kinetic_force', 'excess_force', 'speed')),
+    )
+    sizes = {'kinetic_force': 0.1, 'excess_force': 0.8, 'speed': 0.2}
+    best = SimpleNamespace(
+        terms=(peaked,), values={f'stribeck_friction.{k}': v for k, v in sizes.items()}, left=22.0
+    )
+    stuck = SimpleNamespace(terms=(plain,), left=66.0)
+    began = []
+
+    class Tried(Fits):
+        def __init__(self):
+            self.model = SimpleNamespace(terms=(plain, peaked))
+            self.known = {labels_of(f.terms): f for f in (best, stuck)}
+
+        def misfit(self, made):
+            return made.left
+
+        def _fit(self, base, terms, initial):
+            began.append(initial)
+            return SimpleNamespace(terms=terms, left=again)
+
+    judge = SimpleNamespace(better=lambda small, large: large.left < small.left)
+    found = plain_friction(Tried(), best, judge)
+    assert (found is not best) is taken
+    assert began == [{'coulomb_friction.force': pytest.approx(0.5)}]

@@ -61,6 +61,23 @@ def test_smoothing_leaves_a_blow_as_it_is(power, length, peak):
     assert float(np.std((found.force - true)[980:1140])) < 1.2 * noise
 
 
+@pytest.mark.parametrize('power', [1.0, 1.5, 2.0])
+@pytest.mark.parametrize('length', [8, 16, 32, 80])
+def test_smoothing_errs_less_than_the_noise(power, length):
+    """Of few samples a parabola takes the crest away, alike in every blow: no noise does that."""
+    true = blow(samples=2000, length=length, peak=200.0, power=power)
+    noise, wrong, errors = 0.1, [], []
+    for seed in range(30):
+        samples = true + noise * np.random.default_rng(seed).standard_normal(true.size)
+        found = hammer_force(samples, PERIOD)
+        assert found is not None
+        ((first, last),) = found.blows
+        errors.append((found.force - true)[990 : 1010 + length] / noise)
+        wrong.append(np.mean((found.force - true)[first:last] ** 2) / noise**2)
+    assert np.mean(wrong) < 1.1
+    assert np.sqrt(np.mean(np.mean(errors, axis=0) ** 2)) < 0.6  # what all blows have in common
+
+
 @pytest.mark.parametrize('kind', ['shaker', 'quiet', 'spike', 'long'])
 def test_what_is_no_hammer(kind):
     rng = np.random.default_rng(3)

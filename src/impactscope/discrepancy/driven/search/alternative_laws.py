@@ -34,7 +34,8 @@ AS_GOOD = 4.0  # of the criterion, within which two laws are one
 def plain_friction(fits: Fits, best: Fit, judge: Judge) -> Fit:
     """A friction of several numbers against the one of the same force both ways.
 
-    A search that goes on from a seed may never have tried it.
+    A search that goes on from a seed may never have tried it; one that met it before what it
+    stands beside was known, as a play, may have left it where no slope leads on.
     """
     plain = next((t for t in fits.model.terms if t.label == 'coulomb_friction'), None)
     old = next((t for t in best.terms if t.name in FRICTION and len(t.numbers) > 1), None)
@@ -45,8 +46,9 @@ def plain_friction(fits: Fits, best: Fit, judge: Judge) -> Fit:
     if not forces:
         return best
     rest = tuple(t for t in best.terms if t is not old)
-    initial = {key(plain, plain.numbers[0]): sum(forces) / len(forces)}
-    made = fits.make(best, (*rest, plain), initial)
+    excess = sum(best.values[key(old, n)] for n in old.numbers if n.name == 'excess_force')
+    initial = {key(plain, plain.numbers[0]): sum(forces) / len(forces) + 0.5 * excess}
+    made = fits.once_more(best, (*rest, plain), initial)
     return best if judge.better(made, best) else made
 
 

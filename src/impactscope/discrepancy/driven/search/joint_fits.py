@@ -109,6 +109,14 @@ class Fits:
         again = self._fit(base, terms, {})
         if self.model.drifts:  # a companion that only helped the fit on its way must not stay
             again = self._to_the_end(again)
+        return self._better(again)
+
+    def once_more(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
+        """The fit with these terms from another place: the better one where it was made before."""
+        return self._better(self._fit(base, terms, initial))
+
+    def _better(self, again: Fit) -> Fit:
+        names = labels_of(again.terms)
         known = self.known.get(names)
         if known is None or self.misfit(again) < self.misfit(known):
             self.known[names] = again

@@ -121,7 +121,8 @@ def noise_limited_search(
     for made in [f for f in fits.known.values() if judge.criterion(f, baseline) < level]:
         fits.polish(made)
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
-    best = _one_delay(fits, fits.polish(_pruned(fits, best, judge)), judge)
+    best = plain_friction(fits, fits.polish(_pruned(fits, best, judge)), judge)
+    best = _one_delay(fits, fits.polish(best), judge)
     best = spring_of_position(fits, best, judge)
     if best is not baseline and not judge.better(baseline, best):
         best = baseline
