@@ -34,7 +34,7 @@ MARGIN = 0.1  # of a blow's length is kept before and after it
 PAD = 3  # samples besides
 LONGEST = 0.1  # s: what lasts longer is no blow of a hammer
 ORDERS = (1, 2, 3, 4)  # of the penalty on a rough force
-CORNERS = 24  # of the smoothing that are tried
+CUTOFFS = 24  # frequencies from which on it smooths, tried
 CORNER = 24.0  # fourth difference over error of the force beside a corner of its course
 
 
@@ -99,8 +99,8 @@ def _smoothed(samples: Array, noise: float) -> tuple[Array, float]:
     waves = fft.dct(samples, norm='ortho')
     bends = 2.0 - 2.0 * np.cos(np.pi * np.arange(n) / n)
     least, kept_share = n * noise**2, np.ones(n)  # the samples as they are
-    for corner in np.geomspace(min(2.0 / n, 0.5), 1.0, CORNERS):
-        ratio = bends / (2.0 - 2.0 * math.cos(math.pi * corner))
+    for cutoff in np.geomspace(min(2.0 / n, 0.5), 1.0, CUTOFFS):  # over half the sampling rate
+        ratio = bends / (2.0 - 2.0 * math.cos(math.pi * cutoff))
         for order in ORDERS:
             share = 1.0 / (1.0 + ratio**order)
             wrong = float(np.sum(((1.0 - share) * waves) ** 2))
