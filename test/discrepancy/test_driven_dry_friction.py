@@ -1,5 +1,6 @@
 """Dry friction of a plate: where its motion turns, the acceleration jumps."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -10,16 +11,19 @@ from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.fits.linearisation import linearised
 from impactscope.discrepancy.driven.fits.simulation_error import (
+    Fit,
     beside_turns,
     fit,
     numbers_of,
     steady_slope,
 )
+from impactscope.discrepancy.driven.model_selection.chi_square import BETWEEN, NoiseJudge, slight
 from impactscope.discrepancy.driven.models.mechanical_effects import Sizes, mechanical_terms
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel, inside_samples
 from impactscope.discrepancy.driven.models.terms import Number
 from impactscope.discrepancy.driven.noise.spectral_whitening import whitening
+from impactscope.discrepancy.driven.search.joint_fits import measured_by
 
 RATE, SAMPLES, NOISE, FORCE_NOISE = 4000.0, 4000, 0.08, 0.2
 TRUE = {'mass': 1.7, 'damping': 20.0, 'stiffness': 1.7 * (2.0 * math.pi * 30.0) ** 2}
@@ -124,6 +128,39 @@ def test_a_sample_beside_a_turn_may_lie_on_either_side():
     found = beside_turns(left, predicted, speed, 1.0)
     np.testing.assert_allclose(found, [0.0, 0.0, 0.1, 0.0, 5.0, 0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(beside_turns(left, predicted, speed, 6.0), left)
+
+
+def test_an_amount_that_starts_from_next_to_nothing_has_its_uncertainty():
+    """Measured by its start it passed for a number that is not seen: known without error."""
+    recordings = segments(4)
+    begin = {**TRUE, **SIZES}
+    usual = fit(PLATE, (UNEVEN,), recordings, begin, tolerance=1e-6)
+    tiny = dataclasses.replace(UNEVEN.numbers[0], scale=1e-7)
+    term = dataclasses.replace(UNEVEN, numbers=(tiny, *UNEVEN.numbers[1:]))
+    found = fit(PLATE, (term,), recordings, begin, tolerance=1e-6)
+    for name, std in usual.std.items():
+        assert found.std[name] == pytest.approx(std, rel=0.2)
+
+
+def test_a_law_of_several_amounts_is_measured_by_the_largest():
+    term = dataclasses.replace(UNEVEN, amounts=('force_forward', 'force_backward'))
+    first, last = (f'asymmetric_friction.{n}' for n in term.amounts)
+    assert [n.scale for n in measured_by(term, {first: 1e-6, last: -0.5}).numbers] == [0.5, 0.5]
+    assert measured_by(term, {}).numbers == term.numbers
+
+
+@pytest.mark.parametrize('force', [FORWARD, 0.05 * FORWARD])
+def test_small_jumps_must_gain_more(force):
+    """Where turns fall between samples counts by whole jumps, unless these are taken as such."""
+    recordings = segments(5)
+    plain = next(t for t in PLATE.terms if t.label == 'coulomb_friction')
+    judge = NoiseJudge(recordings)
+    shift = tuple(s.measured for s in recordings)
+    judge.reference = Fit((), TRUE, {}, (), shift, 0)
+    noise = tuple(NOISE * np.random.default_rng(1).standard_normal(SAMPLES) for _ in recordings)
+    made = Fit((plain,), {**TRUE, 'coulomb_friction.force': force}, {}, (), noise, 1)
+    share = judge.beside(made) / judge.gain(judge.reference, made).fitted
+    assert share == pytest.approx(slight(made) if force == FORWARD else BETWEEN**2)
 
 
 def campaign(recordings):

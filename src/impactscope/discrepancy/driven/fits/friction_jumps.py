@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.models.candidate_effects import FRICTION
 from impactscope.discrepancy.driven.models.model import Segment
-from impactscope.discrepancy.driven.models.terms import Term
+from impactscope.discrepancy.driven.models.terms import Term, key
 
-__all__ = ['LEAP', 'beside_turns', 'may_jump', 'steady_slope']
+__all__ = ['LEAP', 'beside_turns', 'may_jump', 'steady_slope', 'unsteady_turns']
 
 Array = NDArray[np.float64]
 
@@ -21,6 +21,25 @@ LEAP = 6.0  # times the noise: a jump that single samples cannot be trusted with
 def may_jump(terms: Sequence[Term], segments: Sequence[Segment]) -> bool:
     """Whether predictions jump: under dry friction the acceleration does where a motion turns."""
     return any(t.name in FRICTION for t in terms) and any(s.derivative == 2 for s in segments)
+
+
+def unsteady_turns(
+    terms: Sequence[Term], values: Mapping[str, float], segments: Sequence[Segment]
+) -> bool:
+    """Whether a misfit is rough: whole jumps count where a turn passes a sample.
+
+    Jumps that are large beside the noise are taken by their nearer side (:func:`beside_turns`);
+    small ones are not, since a choice between two that are close is a merit by itself.
+    """
+    if not may_jump(terms, segments):
+        return False
+    sizes = [
+        max(abs(values.get(key(t, n), 0.0)) for n in t.numbers if 'force' in n.name)
+        for t in terms
+        if t.name in FRICTION
+    ]
+    jump = 2.0 * max(sizes) / values.get('mass', 1.0)
+    return any(s.derivative == 2 and jump <= LEAP * s.noise for s in segments)
 
 
 def steady_slope(ways: Sequence[Array]) -> Array:

@@ -393,7 +393,11 @@ def _scatter(jacobian: Array, residual: Array, *, white: bool) -> Array:
     n, k = jacobian.shape
     if k == 0:
         return np.zeros((0, 0))
-    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    # columns of one length: a number in large units must not pass for one that is not seen
+    length = np.linalg.norm(jacobian, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    even = jacobian / length
+    inverse = np.linalg.pinv(even.T @ even, hermitian=True) / np.outer(length, length)
     usual = inverse * float(residual @ residual) / max(n - k, 1)
     if white:
         return np.asarray(usual)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.discrepancy.driven.fits.friction_jumps import unsteady_turns
 from impactscope.discrepancy.driven.fits.innovations import innovations
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.model_selection.model_comparison import Gain, Judge
@@ -37,7 +38,8 @@ OWN = 2.0  # the same for a number that one recording has of its own
 # of the amplitude of what was found: a further effect as slight as that is the error of its law
 SLIGHT = 3e-3
 ROUGHLY = 0.03  # the same where single contacts decide
-# the same of filters and clocks: how they act between samples, and of what shape they are
+# the same of filters and clocks: how they act between samples, and of what shape they are; of dry
+# friction whose turns fall between samples
 BETWEEN = 0.01
 # reduced chi-square of a model that leaves noise, and of one that leaves more: what leads from the
 # one to the other is no error of a law
@@ -161,7 +163,10 @@ class NoiseJudge(Judge):
         """Gain that says nothing beside what ``small`` has gained already."""
         if self.reference is None or small is self.reference:
             return 0.0
-        return slight(small) * max(self.gain(self.reference, small).fitted, 0.0)
+        share = slight(small)
+        if unsteady_turns(small.terms, small.values, self.segments):
+            share = max(share, BETWEEN**2)
+        return share * max(self.gain(self.reference, small).fitted, 0.0)
 
     def criterion(self, fit: Fit, reference: Fit) -> float:
         """Minus the gain over a reference, and a price for every number: smaller is better."""

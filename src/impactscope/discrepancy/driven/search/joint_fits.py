@@ -16,7 +16,7 @@ from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Term, key
 from impactscope.discrepancy.driven.search.screening import screened
 
-__all__ = ['Fits', 'labels_of']
+__all__ = ['Fits', 'labels_of', 'measured_by']
 
 Array = NDArray[np.float64]
 
@@ -71,7 +71,7 @@ class Fits:
         return self.known[names]
 
     def _fit(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
-        scaled = tuple(_measured_by(t, initial) for t in terms)
+        scaled = tuple(measured_by(t, initial) for t in terms)
         whole = labels_of(self.baseline.terms) <= labels_of(terms)
         values, starts = {**base.values, **initial}, base.starts
         for evaluations in (BRIEF, EVALUATIONS):
@@ -159,14 +159,20 @@ class Fits:
         return self.known[labels_of(made.terms)]
 
 
-def _measured_by(term: Term, initial: Mapping[str, float]) -> Term:
-    """A term whose amounts are measured by the values that they start from."""
+def measured_by(term: Term, initial: Mapping[str, float]) -> Term:
+    """A term whose amounts are measured by the values that they start from.
+
+    Amounts in one unit are one law's: one that starts from next to none is as large as the rest.
+    """
+    sizes: dict[str, float] = {}
+    for n in term.numbers:
+        if n.name in term.amounts:
+            size = abs(initial.get(key(term, n), 0.0))
+            sizes[n.unit] = max(sizes.get(n.unit, 0.0), size)
     numbers = []
     for n in term.numbers:
-        size = abs(initial.get(key(term, n), 0.0))
-        numbers.append(
-            dataclasses.replace(n, scale=size) if n.name in term.amounts and size > 0.0 else n
-        )
+        size = sizes.get(n.unit, 0.0) if n.name in term.amounts else 0.0
+        numbers.append(dataclasses.replace(n, scale=size) if size > 0.0 else n)
     return dataclasses.replace(term, numbers=tuple(numbers))
 
 
