@@ -11,7 +11,7 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.adequacy.channel_laws import _by_sign
-from impactscope.discrepancy.driven.findings.describe import leaves_most
+from impactscope.discrepancy.driven.findings.decision import leaves_most
 from impactscope.discrepancy.driven.models.channel_effects import channel_terms
 from impactscope.discrepancy.driven.models.measuring_chain import (
     between_samples,
