@@ -127,6 +127,32 @@ def test_levels_that_differ_tell_slow_noise_that_no_stretch_shows() -> None:
     assert 0.2 < level < 0.8
 
 
+@pytest.mark.parametrize('bent', [True, False])
+def test_what_short_stretches_hide_of_one_over_f_noise_is_not_taken_for_none(bent: bool) -> None:
+    """Of few spectra the slowest part that is seen may be none by chance: what hides is not."""
+    count = 400
+    truth = Colour(0.64, np.full(13, 0.17**2), 0.5 * 2.0 ** np.arange(13), 1.0)
+    expected = truth.variance_of_means(np.array([count]))[0]
+    keep = np.exp(-1.0 / truth.times)
+    shares = []
+    for seed in range(16):
+        rng = np.random.default_rng(seed)
+        quiet = []
+        for n in (294, 183, 227, 407, 274, 143, 124, 445, 173, 384, 79, 484):
+            made = 0.8 * rng.standard_normal(n)
+            for k in keep:
+                fresh = rng.standard_normal(n) * math.sqrt(1.0 - k**2)
+                fresh[0] /= math.sqrt(1.0 - k**2)
+                made += 0.17 * signal.lfilter([1.0], [1.0, -k], fresh)
+            since = np.linspace(-1.0, 1.0, n)
+            quiet.append(made - bent * np.polyval(np.polyfit(since, made, 3), since))
+        found = colour_of(quiet, 1.0, bent=bent)
+        assert found is not None
+        shares.append(found.variance_of_means(np.array([count]))[0] / expected)
+    assert min(shares) > 0.3
+    assert 0.7 < float(np.median(shares)) < 4.0
+
+
 def test_a_level_that_all_share_is_no_noise() -> None:
     rng = np.random.default_rng(10)
     assert colour_of([5.0 + rng.standard_normal(400) for _ in range(7)], RATE) is None

@@ -8,6 +8,12 @@ import pytest
 from impactscope.discrepancy.campaign import Campaign, ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact.candidates.catalogue import candidates
+from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
+from impactscope.discrepancy.impact.fits.least_squares import at_point, fit
+from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.search.strong_effects import from_return
 from impactscope.physics.pendulum import Orientation
 from impactscope.physics.twin.assembly import Effect, implied_effects
 from impactscope.physics.twin.bench import PAPER_LAYER, Bench, HammerTap, RobotBlow, Sensor
@@ -76,3 +82,22 @@ def test_a_weak_pull_that_brings_carts_back(seed, pull, duration, noise):
     assert answer.accepted == ('gravity_load',)
     force = answer.findings[0].parameters['force']
     assert abs(force.value - pull) < 4.0 * force.std < 0.1 * pull
+
+
+PUSH = 0.35  # N, about a thirtieth of the pendulum's weight
+
+
+@pytest.mark.parametrize('seed', [5, 6])
+def test_a_return_that_slopes_cannot_meet_is_met_by_the_amount_of_a_pull(make_campaign, seed):
+    push = Effect('external_push', {'force': PUSH, 'start': 0.0, 'rise': 0.02})
+    made = make_campaign(seed, [push])
+    baseline = fit_baseline(baseline_model(made, prepare(made)))
+    before = baseline.model.layout(baseline.layout.blows, 0.1)
+    sound = fit(baseline.model, before, baseline.x)
+    layout = baseline.model.layout(baseline.layout.blows, 0.25)
+    assert fit(sound.model, layout, sound.x).reduced > 1000.0
+    place = at_point(sound.model, layout, sound.x)
+    found = from_return(place, candidates(sound, made.baseline_names))
+    assert found[0][1].reduced < 20.0
+    assert {c.name for c, _ in found} == {'external_push', 'restoring_force'}
+    assert [f.chi_square for _, f in found] == sorted(f.chi_square for _, f in found)

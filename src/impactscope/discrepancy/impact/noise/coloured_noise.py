@@ -30,6 +30,9 @@ IntArray = NDArray[np.int64]
 _SHORTEST = 64  # samples of a quiet stretch
 _GAIN = 5.0  # twice the logarithm of the likelihood, from which noise is not white
 _STEPS = 1500  # of the multiplicative kind
+_STEPS_AGAIN = 300  # the same from close by
+_NOT_RULED_OUT = 0.45  # twice the logarithm of the likelihood: as often too much as too little
+_LEAST, _NEAR_ENOUGH = 1e-5, 1.1  # of the variance of a slow part, and to which factor
 _TAKEN = 2.0  # Hz and bins about the mains and their harmonics that may be a hum
 _SLOWEST = 4.0  # times the quiet stretch, of the slowest part
 _FIRST = 3  # first line of a spectrum that is used: offset and drift are no noise
@@ -75,6 +78,47 @@ class Colour:
         return np.asarray(variance[place].reshape(counts.shape))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lines:
+    """Spectra of the quiet, what each part of the noise makes of them, and how much they count."""
+
+    power: Array  # shape (n_bands,)
+    parts: Array  # expected power by unit variance, shape (n_parts, n_bands)
+    weight: Array  # shape (n_bands,)
+
+    def misfit(self, variances: Array) -> float:
+        """Minus twice the logarithm of Whittle's likelihood."""
+        expected = variances @ self.parts
+        return 2.0 * float(self.weight @ (np.log(expected) + self.power / expected))
+
+    def likeliest(self, variances: Array, free: int, steps: int) -> Array:
+        """Variances of greatest likelihood, of which the first ``free`` may change."""
+        found, some = variances.copy(), self.parts[:free]
+        for _ in range(steps):
+            expected = found @ self.parts
+            up = some @ (self.weight * self.power / expected**2)
+            found[:free] *= np.sqrt(up / (some @ (self.weight / expected)))
+        return found
+
+    def largest(self, variances: Array, first: int, level: float) -> float:
+        """What the spectra do not rule out as the variance of each part from ``first`` on.
+
+        The likeliest variances are none for some parts and too large for their neighbours, where
+        spectra are few: the slowest that is seen may be one of those by chance.
+        """
+        most = self.misfit(variances) + _NOT_RULED_OUT
+        low, high = _LEAST * level, level
+        while high > _NEAR_ENOUGH * low:
+            middle = math.sqrt(low * high)
+            tried = variances.copy()
+            tried[first:] = middle
+            if self.misfit(self.likeliest(tried, first, _STEPS_AGAIN)) < most:
+                low = middle
+            else:
+                high = middle
+        return low if low > _LEAST * level else 0.0
+
+
 def colour_of(
     stretches: Sequence[Array], sample_rate: float, *, bent: bool = False
 ) -> Colour | None:
@@ -90,7 +134,7 @@ def colour_of(
     lives = 0.5 * np.power(_APART, np.arange(count, dtype=np.float64))  # in samples
     first = _FIRST_BENT if bent else _FIRST
     keep = np.exp(-1.0 / lives)
-    power, design, lines = [], [], []
+    power, design, widths = [], [], []
     for stretch in quiet:
         n = stretch.size
         since = np.linspace(-1.0, 1.0, n)
@@ -110,8 +154,8 @@ def colour_of(
         power.append(np.add.reduceat(spectrum[used], bands) / width)
         shapes = np.vstack([np.ones(spectrum.size), np.maximum(expected, 0.0)])[:, used]
         design.append(np.add.reduceat(shapes, bands, axis=1) / width)
-        lines.append(width)
-    y, a, w = np.concatenate(power), np.concatenate(design, axis=1), np.concatenate(lines)
+        widths.append(width)
+    y, a, w = np.concatenate(power), np.concatenate(design, axis=1), np.concatenate(widths)
     level = float(np.average(y, weights=w))
     if not level > 0.0:
         return None
@@ -119,20 +163,19 @@ def colour_of(
     variances[0] = 0.5 * level
     # a taper makes lines next to each other tell the same: two for three
     share = 2.0 / 3.0
-    for _ in range(_STEPS):
-        model = variances @ a
-        variances *= np.sqrt((a @ (w * y / model**2)) / (a @ (w / model)))
-    model = variances @ a
-    gain = 2.0 * share * float(w @ (np.log(level / model) + y / level - y / model))
+    lines = _Lines(y, a, w * share)
+    variances = lines.likeliest(variances, count + 1, _STEPS)
+    gain = lines.misfit(np.append(level, np.zeros(count))) - lines.misfit(variances)
     white = gain < _GAIN
     if white:
         variances = np.append(level, np.zeros(count))
     parts = variances[1:]
-    # what the stretches are too short to show goes on like the slowest that they do show
+    # what the stretches are too short to show goes on as the slowest that they do show may
     hidden = lives > longest / (2 * math.pi * first)
     slow = int(np.argmax(hidden)) if hidden.any() else count
-    if slow > 0:
-        parts[slow:] = np.maximum(parts[slow:], parts[slow - 1])
+    if 0 < slow < count and not white:
+        further = lines.largest(variances, slow, level)
+        parts[slow:] = np.maximum(parts[slow:], max(parts[slow - 1], further))
     seen = Colour(float(variances[0]), parts, lives / float(sample_rate), sample_rate)
     further = _between(quiet, seen)
     if further > 0.0:

@@ -7,6 +7,7 @@ simple, and checked where later contacts have amplified every error.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
@@ -487,6 +488,7 @@ class Search:
             outcome.looks,
         )
         found += self._restarted(without, candidate, outcome.looks)
+        found += _rivals_followed(without, outcome.rivals.get(candidate.label, ()), outcome.looks)
         found.sort(key=lambda f: f.criterion)
         better = [f for f in found if f.fit.chi_square < 0.8 * current.chi_square]
         if not better:
@@ -540,6 +542,21 @@ def _without_strayed_line(outcome: Outcome) -> None:
         outcome.accepted.clear()
         outcome.final, outcome.held_out_final = outcome.baseline, outcome.held_out_baseline
         outcome.tests, outcome.p_value = None, 1.0
+
+
+def _rivals_followed(without: Fit, rivals: Sequence[Found], looks: int) -> list[Found]:
+    """What did about as well up to a shorter window, from its own numbers there."""
+    found: list[Found] = []
+    for rival in rivals:
+        if rival.fit.reduced > QUIET or len(found) == _BEAM:
+            continue
+        model = rival.candidate.extend(without.model)
+        known = rival.fit.values
+        x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
+        with contextlib.suppress(ImpactscopeError):
+            joint = fit(model, without.layout, x, iterations=12)
+            found.append(weigh(rival.candidate, joint, without, looks))
+    return found
 
 
 def _begun_with(candidate: Candidate, other: Fit, without: Fit, looks: int) -> Outcome:
@@ -596,7 +613,7 @@ def _swept(before: Fit, grown: Fit, outcome: Outcome) -> Fit:
         along = covariance[:, j] / math.sqrt(covariance[j, j])
         for far in (*_SWEPT, *_scanned(before, grown, along)):
             try:
-                made = fit(grown.model, grown.layout, before.x + far * along, iterations=12)
+                made = fit(grown.model, grown.layout, _moved(before, far * along), iterations=12)
             except ImpactscopeError:
                 continue
             best = min(best, made, key=lambda f: f.chi_square)
@@ -608,7 +625,7 @@ def _scanned(before: Fit, grown: Fit, along: Array) -> list[float]:
 
     def misfit(far: float) -> float:
         try:
-            return at_point(grown.model, grown.layout, before.x + far * along).chi_square
+            return at_point(grown.model, grown.layout, _moved(before, far * along)).chi_square
         except ImpactscopeError:
             return math.inf
 
@@ -616,6 +633,12 @@ def _scanned(before: Fit, grown: Fit, along: Array) -> list[float]:
     inner = np.flatnonzero((left[1:-1] <= left[:-2]) & (left[1:-1] < left[2:])) + 1
     best = inner[np.argsort(left[inner])][:_FROM_SCAN]
     return [_SCANNED[i] for i in best]
+
+
+def _moved(found: Fit, by: Array) -> Array:
+    """Numbers of a fit that are changed, within their bounds: some may be known by no means."""
+    low, high = np.array([f.bounds for f in found.model.free]).T
+    return np.asarray(np.clip(found.x + by, low, high))
 
 
 def _near(found: Fit, window: float) -> Fit:

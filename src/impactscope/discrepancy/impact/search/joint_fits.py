@@ -24,7 +24,12 @@ from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, fit
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
 from impactscope.discrepancy.impact.search.outcome import QUIET, Found, settled_without, weigh
 from impactscope.discrepancy.impact.search.screening import Remembered, Screening, Trial
-from impactscope.discrepancy.impact.search.strong_effects import in_place_of, race, related
+from impactscope.discrepancy.impact.search.strong_effects import (
+    from_return,
+    in_place_of,
+    race,
+    related,
+)
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
@@ -77,7 +82,7 @@ class JointFits:
         found = self.judge(current, trials, len(listed), most or _JOINT)
         found = self._with_suspected(current, found, suspected, len(listed))
         if current.reduced > LOST and not most:
-            found = self._strong(current, found, len(listed))
+            found = self._strong(current, place, found, listed)
         found, settled = self._settle(current, found, len(listed))
         return found, len(listed), settled
 
@@ -108,16 +113,22 @@ class JointFits:
                 added.append(weigh(candidate, best, current, looks))
         return sorted([*found, *added], key=lambda f: f.criterion)
 
-    def _strong(self, current: Fit, found: list[Found], looks: int) -> list[Found]:
+    def _strong(
+        self, current: Fit, place: Fit, found: list[Found], listed: Sequence[Candidate]
+    ) -> list[Found]:
         """Candidates fitted from better places where much is missing; the best first."""
+        looks = len(listed)
         fits = [(f.candidate, f.fit) for f in found]
         if not found or found[0].fit.reduced > QUIET:
-            fits += race(current, self.baseline_names, self.window)
+            returned = from_return(place, listed)
+            fits += returned
+            if not returned or returned[0][1].reduced > QUIET:
+                fits += race(current, self.baseline_names, self.window)
         if not fits:
             return found
         fits.sort(key=lambda item: item[1].chi_square)
         candidate, leader = fits[0]
-        for other in related(candidate, candidates(current, self.baseline_names)):
+        for other in related(candidate, listed):
             instead = in_place_of(leader, current.model, other)
             if instead is not None:
                 fits.append((other, instead))
