@@ -46,8 +46,8 @@ def test_a_hum_is_there_before_the_blow(old, first, stands):
     assert _everywhere(joint, current) is stands
 
 
-def hum_at(frequencies):
-    """A hum that gains 70 of chi-square, its fits by frequency, and the fit without it."""
+def hum_at(frequencies, gain=70.0):
+    """A hum that gains so much chi-square, its fits by frequency, and the fit without it."""
     times = np.linspace(0.0, 1.0, 10)
     blow = SimpleNamespace(times=times)
     model = SimpleNamespace(data=SimpleNamespace(blows=[blow]))
@@ -57,7 +57,9 @@ def hum_at(frequencies):
     hum = Candidate('hum', 'mains_hum', 'measurement', (frequency, *others), fitted=own)
     layout = SimpleNamespace(size=30000)
     before = SimpleNamespace(
-        chi_square=30070.0, layout=layout, residuals=np.full(30000, np.sqrt(30070 / 30000))
+        chi_square=30000.0 + gain,
+        layout=layout,
+        residuals=np.full(30000, np.sqrt((30000 + gain) / 30000)),
     )
     fitted = {
         where: SimpleNamespace(
@@ -89,6 +91,15 @@ def test_a_weak_hum_in_every_recording_pays_for_their_phases():
     found = weigh(hum, fitted[60.1], before, 40)
     assert hum.cost == 17
     assert found.criterion < 0.0 < 17 * np.log(30000) - found.gain
+
+
+def test_a_hum_that_nothing_is_likelier_than_is_no_finding():
+    """Of many numbers chance is sooner excluded: two clean campaigns of 300 had such a hum."""
+    hum, fitted, before = hum_at((60.1,), 55.0)
+    found = weigh(hum, fitted[60.1], before, 40)
+    assert found.p_value < 0.003
+    assert found.criterion > 0.0
+    assert not found.counts(0.003)
 
 
 def test_recordings_that_are_not_fitted_cost_nothing():

@@ -40,7 +40,7 @@ class Found:
     gain: float  # fall of chi-square, over the reduced chi-square that is left
     p_value: float
     criterion: float  # information criterion, less that of the model without the candidate
-    refused: bool = False  # a line that does not pay for all frequencies that were looked at
+    refused: bool = False  # numbers of each recording, or any frequency, that do not pay
 
     def counts(self, false_finding: float) -> bool:
         """Whether chance would gain as much in no more than that share of campaigns."""
@@ -90,9 +90,12 @@ def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
     samples = joint.layout.size
     criterion = information(candidate.price(gain, samples) - gain, 0, samples, places)
     chance = family_p_value(gain, candidate.cost, looks * places)
+    criterion += candidate.doubt
     # a line of any frequency, each recording with its own phase, must pay for all
     dear = places > 1 and information(-gain, candidate.cost, samples, places) > 0.0
-    return Found(candidate, joint, gain, chance, criterion + candidate.doubt, dear)
+    # of many numbers chance is sooner excluded than none of them is likelier than nothing
+    dear |= bool(candidate.fitted) and criterion > 0.0
+    return Found(candidate, joint, gain, chance, criterion, dear)
 
 
 def _places(candidate: Candidate, joint: Fit) -> int:
