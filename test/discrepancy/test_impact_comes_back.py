@@ -13,6 +13,9 @@ from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.fits.least_squares import at_point, fit
 from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.search import forward_backward
+from impactscope.discrepancy.impact.search.forward_backward import _rivals_followed
+from impactscope.discrepancy.impact.search.outcome import weigh
 from impactscope.discrepancy.impact.search.strong_effects import from_return
 from impactscope.physics.pendulum import Orientation
 from impactscope.physics.twin.assembly import Effect, implied_effects
@@ -101,3 +104,20 @@ def test_a_return_that_slopes_cannot_meet_is_met_by_the_amount_of_a_pull(make_ca
     assert found[0][1].reduced < 20.0
     assert {c.name for c, _ in found} == {'external_push', 'restoring_force'}
     assert [f.chi_square for _, f in found] == sorted(f.chi_square for _, f in found)
+
+
+def test_what_did_as_well_before_a_return_is_followed_over_it(make_campaign, monkeypatch):
+    push = Effect('external_push', {'force': PUSH, 'start': 0.0, 'rise': 0.02})
+    made = make_campaign(5, [push])
+    baseline = fit_baseline(baseline_model(made, prepare(made)))
+    blows = baseline.layout.blows
+    sound = fit(baseline.model, baseline.model.layout(blows, 0.1), baseline.x)
+    without = at_point(sound.model, sound.model.layout(blows, 0.25), sound.x)
+    listed = candidates(sound, made.baseline_names)
+    rivals = [weigh(c, f, without, len(listed)) for c, f in from_return(without, listed)]
+    assert _rivals_followed(without, rivals, len(listed)) == []  # more than noise was left of it
+    monkeypatch.setattr(forward_backward, 'QUIET', 20.0)
+    followed = _rivals_followed(without, rivals, len(listed))
+    assert [f.candidate for f in followed] == [r.candidate for r in rivals[: len(followed)]]
+    for again, before in zip(followed, rivals, strict=False):
+        assert again.fit.chi_square <= before.fit.chi_square < 0.01 * without.chi_square
