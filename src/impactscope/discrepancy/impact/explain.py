@@ -72,6 +72,8 @@ _PRICE = 10.0  # chi-square that a further number must bring
 _OTHER_WAYS = 'other ways to take the names of the baseline'
 _CERTAIN = 300.0  # of chi-square, that slow noise does not imitate unseen
 _FAR_BEHIND = 100.0  # of chi-square
+_SLIGHT = 0.01  # of the amplitude of findings, of what is left beside them
+_BESIDE = 0.7  # of their probability, where something is not known
 _OUTDONE = 0.1  # odds of the findings against a law, below which the law is meant
 _INDISTINCT = 1.0  # square of the distance of residuals
 _WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
@@ -214,19 +216,19 @@ def _answer(
     traces, strips = pictures(outcome)
     findings = ranked(outcome, accepted)
     found = [c.name for c in accepted]
-    if unexplained:
+    beside = unexplained and _slight_beside(outcome, thresholds)
+    if beside:
+        findings = [weaker(f, _BESIDE) for f in findings]
+        findings.insert(len(found), _unknown(1.0 - share_of_known(outcome, thresholds)))
+        found.append('unknown')
+    elif unexplained:
         kept = share_of_known(outcome, thresholds)
         findings = [weaker(f, kept) for f in findings]
         resembles = ', '.join(dict.fromkeys(f.name for f in findings[:1]))
         if resembles:
             description += f' Of what is known here it most resembles {resembles}.'
         found = ['unknown']
-        findings.insert(
-            0,
-            Finding(
-                'unknown', 1 - kept, 'unknown', sentence='Something is missing that is not known.'
-            ),
-        )
+        findings.insert(0, _unknown(1.0 - kept))
     ranking, found = with_direct(findings, found, direct)
     detected = bool(found)
     regions = locate(strips, thresholds.false_region) if detected else ()
@@ -248,9 +250,9 @@ def _answer(
         baseline=campaign.baseline_names,
         baseline_parameters=fitted_numbers(outcome.baseline),
         extended_parameters=fitted_numbers(outcome.final),
-        model=_saved(campaign, outcome, unexplained),
+        model=_saved(campaign, outcome, unexplained and not beside),
         notes=(
-            *(stand_ins_told(c.name for c in accepted) if unexplained else ()),
+            *(stand_ins_told(c.name for c in accepted) if unexplained and not beside else ()),
             *campaign.notes,
             *data.notes,
             *conventions_told(outcome.final.model),
@@ -259,6 +261,12 @@ def _answer(
             *_amplified(outcome),
         ),
         traces=traces,
+    )
+
+
+def _unknown(probability: float) -> Finding:
+    return Finding(
+        'unknown', probability, 'unknown', sentence='Something is missing that is not known.'
     )
 
 
@@ -309,7 +317,8 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
         instead, law = _law_instead(outcome)
         if instead < _OUTDONE:
             chance = 0.5 * thresholds.inadequate * instead / _OUTDONE
-            outcome.tests = Adequacy({**tests.p_values, 'laws': chance}, tests.excess, law)
+            excess = {**tests.excess, 'laws': math.inf}  # of all that was found
+            outcome.tests = Adequacy({**tests.p_values, 'laws': chance}, excess, law)
             return True, (
                 f'Something is missing that no known mechanism explains: {law} explains the '
                 'recordings better than anything that is known here.'
@@ -333,6 +342,21 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
         f'residual is still {math.sqrt(ratio):.3g} times the noise, most of all in {where} '
         f'({parts[0][0]:.3g} times).'
     )
+
+
+def _slight_beside(outcome: Outcome, thresholds: Thresholds) -> bool:
+    """Whether what is left is too slight beside what was found to put its names in doubt.
+
+    What takes the place of something unknown leaves more of it than a hundredth of its amplitude.
+    """
+    tests, final = outcome.tests, outcome.final
+    if tests is None or not outcome.accepted or final.reduced > thresholds.unexplained_ratio:
+        return False
+    if tests.p_value >= thresholds.inadequate:
+        return False  # not the tests, but a law that explains more or a blow that is missed
+    worst = min(tests.p_values, key=lambda name: tests.p_values[name])
+    gain = outcome.baseline.chi_square - final.chi_square
+    return tests.excess.get(worst, math.inf) < _SLIGHT**2 * gain
 
 
 def _law_instead(outcome: Outcome) -> tuple[float, str]:
