@@ -17,7 +17,7 @@ FRICTION = 4.0  # N: chi-square falls by more than a million
     [
         (40.0, ('coulomb_friction', 'unknown')),
         (1e6, ('unknown',)),  # friction that only resembles what it is
-        (math.inf, ('unknown',)),  # a law that explains more than all that was found
+        (math.inf, ('unknown',)),
     ],
 )
 def test_a_slight_rest_stands_beside_what_was_found(make_campaign, monkeypatch, excess, accepted):

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 __all__ = [
+    'BESIDE_UNKNOWN',
     'Thresholds',
     'borne_by_many',
     'family_p_value',
@@ -34,6 +35,8 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+BESIDE_UNKNOWN = 0.7  # of a finding's probability, at most, where something is not known
 
 
 @dataclass(frozen=True, slots=True)

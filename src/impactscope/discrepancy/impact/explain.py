@@ -19,7 +19,7 @@ from impactscope.discrepancy.answer import (
     stand_ins_told,
 )
 from impactscope.discrepancy.campaign import Campaign
-from impactscope.discrepancy.evidence import Thresholds
+from impactscope.discrepancy.evidence import BESIDE_UNKNOWN, Thresholds
 from impactscope.discrepancy.impact.adequacy.residual_tests import (
     TESTED,
     Adequacy,
@@ -73,7 +73,6 @@ _OTHER_WAYS = 'other ways to take the names of the baseline'
 _CERTAIN = 300.0  # of chi-square, that slow noise does not imitate unseen
 _FAR_BEHIND = 100.0  # of chi-square
 _SLIGHT = 0.01  # of the amplitude of findings, of what is left beside them
-_BESIDE = 0.7  # of their probability, where something is not known
 _OUTDONE = 0.1  # odds of the findings against a law, below which the law is meant
 _INDISTINCT = 1.0  # square of the distance of residuals
 _WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
@@ -177,7 +176,7 @@ def _searched(
 
 
 def _left(outcome: Outcome, thresholds: Thresholds) -> bool:
-    return _unexplained(outcome, thresholds)[0]
+    return _unexplained(outcome, thresholds).left
 
 
 def _same(other: Fit, baseline: Fit) -> bool:
@@ -208,7 +207,10 @@ def _answer(
 ) -> Answer:
     direct = _direct_findings(data)
     accepted = list(outcome.accepted)
-    unexplained, description = _unexplained(outcome, thresholds)
+    rest = _unexplained(outcome, thresholds)
+    unexplained, description = rest.left, rest.description
+    instead = unexplained and not rest.slight
+    kept = share_of_known(outcome.final.reduced, rest.chance, thresholds)
     seen = bool(direct)
     if not unexplained:  # what was fitted knows more than what was seen
         fitted = {(c.name, c.channel) for c in accepted}
@@ -216,13 +218,11 @@ def _answer(
     traces, strips = pictures(outcome)
     findings = ranked(outcome, accepted)
     found = [c.name for c in accepted]
-    beside = unexplained and _slight_beside(outcome, thresholds)
-    if beside:
-        findings = [weaker(f, _BESIDE) for f in findings]
-        findings.insert(len(found), _unknown(1.0 - share_of_known(outcome, thresholds)))
+    if unexplained and not instead:
+        findings = [weaker(f, BESIDE_UNKNOWN) for f in findings]
+        findings.insert(len(found), _unknown(1.0 - kept))
         found.append('unknown')
-    elif unexplained:
-        kept = share_of_known(outcome, thresholds)
+    elif instead:
         findings = [weaker(f, kept) for f in findings]
         resembles = ', '.join(dict.fromkeys(f.name for f in findings[:1]))
         if resembles:
@@ -235,8 +235,8 @@ def _answer(
     regions = (*_clipped_regions(data), *regions)
     subsystems = dict.fromkeys(f.subsystem for name in found for f in ranking if f.name == name)
     p_value = min(outcome.p_value, 0.0 if seen else 1.0)
-    if unexplained and outcome.tests is not None:
-        p_value = min(p_value, outcome.tests.p_value)
+    if unexplained:
+        p_value = min(p_value, rest.chance)
     return Answer(
         campaign=campaign.name,
         kind=campaign.kind.value,
@@ -250,9 +250,9 @@ def _answer(
         baseline=campaign.baseline_names,
         baseline_parameters=fitted_numbers(outcome.baseline),
         extended_parameters=fitted_numbers(outcome.final),
-        model=_saved(campaign, outcome, unexplained and not beside),
+        model=_saved(campaign, outcome, instead),
         notes=(
-            *(stand_ins_told(c.name for c in accepted) if unexplained and not beside else ()),
+            *(stand_ins_told(c.name for c in accepted) if instead else ()),
             *campaign.notes,
             *data.notes,
             *conventions_told(outcome.final.model),
@@ -284,17 +284,30 @@ def with_direct(
     return ranking, [*(f.name for f in clipped), *found, *(f.name for f in steps)]
 
 
-def _saved(campaign: Campaign, outcome: Outcome, unexplained: bool) -> dict[str, object]:
+def _saved(campaign: Campaign, outcome: Outcome, instead: bool) -> dict[str, object]:
     """The baseline of a next search; what stands in for the unknown is no part of it."""
-    if unexplained:
+    if instead:
         outcome = dataclasses.replace(outcome, final=outcome.baseline)
-    return saved_model(campaign, outcome, () if unexplained else outcome.accepted)
+    return saved_model(campaign, outcome, () if instead else outcome.accepted)
 
 
 # --- decisions -----------------------------------------------------------------------------------
 
 
-def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Rest:
+    """Whether something is left that nothing explains, and how it behaves.
+
+    ``chance``: that noise alone leaves it, as far as tests of its kind tell.
+    """
+
+    left: bool
+    description: str = ''
+    chance: float = 1.0
+    slight: bool = False  # too slight to put the names of what was found in doubt
+
+
+def _unexplained(outcome: Outcome, thresholds: Thresholds) -> _Rest:
     """Whether something is left that nothing explains, and how it behaves."""
     final = outcome.final
     ratio = final.reduced
@@ -309,25 +322,29 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
     )
     if ratio <= thresholds.unexplained_ratio:
         if tests.p_value < thresholds.inadequate:
-            return True, (
+            return _Rest(
+                True,
                 'Something is missing that no known mechanism explains: what is left is as small '
                 f'as the noise, but not of its kind ({tests.worst}; by chance in '
-                f'{tests.p_value:.1g} of campaigns).'
+                f'{tests.p_value:.1g} of campaigns).',
+                tests.p_value,
+                _slight(outcome, tests),
             )
         instead, law = _law_instead(outcome)
         if instead < _OUTDONE:
-            chance = 0.5 * thresholds.inadequate * instead / _OUTDONE
-            excess = {**tests.excess, 'laws': math.inf}  # of all that was found
-            outcome.tests = Adequacy({**tests.p_values, 'laws': chance}, excess, law)
-            return True, (
+            return _Rest(
+                True,
                 f'Something is missing that no known mechanism explains: {law} explains the '
-                'recordings better than anything that is known here.'
+                'recordings better than anything that is known here.',
+                thresholds.inadequate * instead / _OUTDONE,
             )
         if held is None or not missed:
-            return False, ''
-        return True, (
+            return _Rest(False)
+        return _Rest(
+            True,
             'Something is missing that no known mechanism explains: held-out recordings are '
-            f'missed by {math.sqrt(held.reduced):.3g} times the noise.'
+            f'missed by {math.sqrt(held.reduced):.3g} times the noise.',
+            tests.p_value,
         )
     parts = []
     for (i, name), span in final.layout.spans.items():
@@ -337,26 +354,23 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> tuple[bool, str]:
             parts.append((share, f'{name} of {final.model.data.blows[i].name}'))
     parts.sort(reverse=True)
     where = parts[0][1] if parts else 'the recordings'
-    return True, (
+    return _Rest(
+        True,
         'Something is missing that no known mechanism explains: with the best of them the '
         f'residual is still {math.sqrt(ratio):.3g} times the noise, most of all in {where} '
-        f'({parts[0][0]:.3g} times).'
+        f'({parts[0][0]:.3g} times).',
+        tests.p_value,
     )
 
 
-def _slight_beside(outcome: Outcome, thresholds: Thresholds) -> bool:
-    """Whether what is left is too slight beside what was found to put its names in doubt.
+def _slight(outcome: Outcome, tests: Adequacy) -> bool:
+    """Whether the rest is slighter than a hundredth of what was found, by amplitude.
 
-    What takes the place of something unknown leaves more of it than a hundredth of its amplitude.
+    Tests find no rest that gains less than some ten of chi-square, so findings gain 100 000 then.
     """
-    tests, final = outcome.tests, outcome.final
-    if tests is None or not outcome.accepted or final.reduced > thresholds.unexplained_ratio:
-        return False
-    if tests.p_value >= thresholds.inadequate:
-        return False  # not the tests, but a law that explains more or a blow that is missed
     worst = min(tests.p_values, key=lambda name: tests.p_values[name])
-    gain = outcome.baseline.chi_square - final.chi_square
-    return tests.excess.get(worst, math.inf) < _SLIGHT**2 * gain
+    gain = outcome.baseline.chi_square - outcome.final.chi_square
+    return bool(outcome.accepted) and tests.excess[worst] < _SLIGHT**2 * gain
 
 
 def _law_instead(outcome: Outcome) -> tuple[float, str]:

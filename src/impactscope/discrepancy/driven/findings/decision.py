@@ -21,12 +21,12 @@ from impactscope.discrepancy.driven.findings.subject import Subject
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.models.terms import Term
 from impactscope.discrepancy.driven.search.beam_search import Outcome
+from impactscope.discrepancy.evidence import BESIDE_UNKNOWN
 
 __all__ = ['Decision', 'decide', 'leaves_most']
 
 # of findings that looked certain so many were right among campaigns drawn at random
 MOST = 0.95
-MOST_BESIDE = 0.7  # where something that is not known stands beside them
 MOST_OF_IT = 0.5  # of chi-square beyond what noise leaves
 FAR_LEFT = 2.0  # reduced chi-square, beyond which what is left is no noise that was misjudged
 
@@ -88,7 +88,7 @@ def decide(s: Subject) -> Decision:
     taken = [*unknown, *taken] if instead else [*taken, *unknown]
     dropped = [f for f in named if f.name in doubted]
     others = [*dropped, *others] if instead else [*others, *dropped]
-    most = MOST_BESIDE if unknown and len(taken) > 1 else MOST
+    most = BESIDE_UNKNOWN if unknown and len(taken) > 1 else MOST
     # what findings leave is not known, be it an error of their laws or of all else in the model
     unexplained = stranger or bool(left and taken)
     if unexplained and not stranger:

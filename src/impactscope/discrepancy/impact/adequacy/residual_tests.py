@@ -416,7 +416,7 @@ def _signature(fit: Fit, candidate: Candidate) -> Array | None:
     known, start = fit.values, dict(candidate.starts[0])
     for _ in range(4):
         values = {**known, **start}
-        x = np.array([f.to_inner(values.get(f.key, f.start)) for f in model.free])
+        x = model.vector(values)
         try:
             change = model.residuals(x, fit.layout)[:size] - fit.residuals[:size]
         except ImpactscopeError:

@@ -80,11 +80,16 @@ def ranked(outcome: Outcome, accepted: Sequence[Candidate]) -> list[Finding]:
     return [*first, *later]
 
 
-def share_of_known(outcome: Outcome, thresholds: Thresholds) -> float:
-    """Probability that a known mechanism explains after all what a test calls unexplained."""
-    if outcome.final.reduced > thresholds.unexplained_ratio:
+def share_of_known(reduced: float, chance: float, thresholds: Thresholds) -> float:
+    """Probability that a known mechanism explains after all what a test calls unexplained.
+
+    Args:
+        reduced: chi-square of the final fit.
+        chance: that noise alone leaves as much.
+        thresholds: those of the answer.
+    """
+    if reduced > thresholds.unexplained_ratio:
         return 0.1
-    chance = 1.0 if outcome.tests is None else outcome.tests.p_value
     return 0.02 + 0.28 * min(1.0, chance / thresholds.inadequate)
 
 

@@ -209,7 +209,7 @@ class ImpactModel:
 
     def start(self) -> Array:
         """Start of a fit, in the numbers that are fitted, shape (n_free,)."""
-        return np.array([f.to_inner(f.start) for f in self.free])
+        return self.vector({})
 
     def scales(self) -> Array:
         """Scale of each number that is fitted, shape (n_free,)."""
@@ -219,6 +219,13 @@ class ImpactModel:
         """Lower and upper bounds of the numbers that are fitted."""
         pairs = [f.bounds for f in self.free]
         return np.array([p[0] for p in pairs]), np.array([p[1] for p in pairs])
+
+    def vector(self, values: Mapping[str, float]) -> Array:
+        """Numbers that are fitted, by values in their own units, shape (n_free,).
+
+        Where a value is missing, the number's start.
+        """
+        return np.array([f.to_inner(values.get(f.key, f.start)) for f in self.free])
 
     def values(self, x: Array) -> dict[str, float]:
         """All numbers by key, own units."""

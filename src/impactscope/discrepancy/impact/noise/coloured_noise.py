@@ -174,8 +174,8 @@ def colour_of(
     hidden = lives > longest / (2 * math.pi * first)
     slow = int(np.argmax(hidden)) if hidden.any() else count
     if 0 < slow < count and not white:
-        further = lines.largest(variances, slow, level)
-        parts[slow:] = np.maximum(parts[slow:], max(parts[slow - 1], further))
+        unseen = max(parts[slow - 1], lines.largest(variances, slow, level))
+        parts[slow:] = np.maximum(parts[slow:], unseen)
     seen = Colour(float(variances[0]), parts, lives / float(sample_rate), sample_rate)
     further = _between(quiet, seen)
     if further > 0.0:

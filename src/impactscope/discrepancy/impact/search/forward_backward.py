@@ -50,7 +50,11 @@ from impactscope.discrepancy.impact.search.pairs import Pair, pairs
 from impactscope.discrepancy.impact.search.profile_likelihood import profiled
 from impactscope.discrepancy.impact.search.pruning import prune
 from impactscope.discrepancy.impact.search.screening import Screening, Trial
-from impactscope.discrepancy.impact.search.strong_effects import from_first_contact, from_taps
+from impactscope.discrepancy.impact.search.strong_effects import (
+    from_first_contact,
+    from_taps,
+    least_of_scan,
+)
 from impactscope.discrepancy.impact.search.time_offsets import with_late_channel
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left
@@ -480,7 +484,7 @@ class Search:
         for chosen in outcome.accepted[:-1]:
             model = chosen.extend(model)
         known = current.values if sound is None else sound.values
-        x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
+        x = model.vector(known)
         without = at_point(model, current.layout, x)
         found = self.fits.judge(
             without,
@@ -552,7 +556,7 @@ def _rivals_followed(without: Fit, rivals: Sequence[Found], looks: int) -> list[
             continue
         model = rival.candidate.extend(without.model)
         known = rival.fit.values
-        x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
+        x = model.vector(known)
         with contextlib.suppress(ImpactscopeError):
             joint = fit(model, without.layout, x, iterations=12)
             found.append(weigh(rival.candidate, joint, without, looks))
@@ -629,16 +633,12 @@ def _scanned(before: Fit, grown: Fit, along: Array) -> list[float]:
         except ImpactscopeError:
             return math.inf
 
-    left = np.array(in_parallel(misfit, _SCANNED))
-    inner = np.flatnonzero((left[1:-1] <= left[:-2]) & (left[1:-1] < left[2:])) + 1
-    best = inner[np.argsort(left[inner])][:_FROM_SCAN]
-    return [_SCANNED[i] for i in best]
+    return [_SCANNED[i] for i in least_of_scan(in_parallel(misfit, _SCANNED), _FROM_SCAN)]
 
 
 def _moved(found: Fit, by: Array) -> Array:
     """Numbers of a fit that are changed, within their bounds: some may be known by no means."""
-    low, high = np.array([f.bounds for f in found.model.free]).T
-    return np.asarray(np.clip(found.x + by, low, high))
+    return np.asarray(np.clip(found.x + by, *found.model.bounds()))
 
 
 def _near(found: Fit, window: float) -> Fit:

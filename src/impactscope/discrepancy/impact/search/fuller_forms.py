@@ -11,8 +11,6 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from impactscope.discrepancy.evidence import family_p_value, information
 from impactscope.discrepancy.impact.candidates.candidate import Candidate, contains
 from impactscope.discrepancy.impact.candidates.catalogue import LEFT_ALONE, candidates
@@ -50,7 +48,7 @@ def fuller(current: Fit, outcome: Outcome, false_finding: float, sound: Fit | No
         model = current.model.extended(free=more)
         best: Fit | None = None
         for values in _starts(plain, more, current, sound):
-            x = np.array([f.to_inner(values.get(f.key, f.start)) for f in model.free])
+            x = model.vector(values)
             try:
                 made = fit(model, current.layout, x, iterations=_ITERATIONS)
             except ImpactscopeError:

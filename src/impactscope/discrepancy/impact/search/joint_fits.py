@@ -105,7 +105,7 @@ class JointFits:
             mine = {k: v for k, v in before.fit.values.items() if k in own}
             fits = []
             for numbers in ({**current.values, **mine}, {**current.values, **before.fit.values}):
-                x = np.array([f.to_inner(numbers.get(f.key, f.start)) for f in model.free])
+                x = model.vector(numbers)
                 with contextlib.suppress(ImpactscopeError):
                     fits.append(fit(model, current.layout, x, settled=0.1, near=current))
             if fits:
@@ -241,7 +241,7 @@ class JointFits:
 
             def fitted(frequency: float, model: ImpactModel = model, key: str = key) -> Fit | None:
                 numbers = {**current.values, key: frequency}
-                x = np.array([f.to_inner(numbers.get(f.key, f.start)) for f in model.free])
+                x = model.vector(numbers)
                 try:
                     return fit(model, current.layout, x, settled=0.1, iterations=40)
                 except ImpactscopeError:

@@ -89,9 +89,7 @@ def other_modes(
     for values in further:
         if not time_left(_OTHER_VALUES):
             break
-        x = np.array(
-            [f.to_inner(values.get(f.key, final.values[f.key])) for f in final.model.free]
-        )
+        x = final.model.vector({**final.values, **values})
         with contextlib.suppress(ImpactscopeError):
             found.append(fit(final.model, final.layout, x, settled=0.1))
     best = min(found, key=lambda f: f.chi_square)

@@ -122,7 +122,7 @@ def with_findings(outcome: Outcome, chosen: Sequence[Candidate], layout: Layout)
         model = candidate.extend(model)
     fits = []
     for values in (outcome.final.values, outcome.baseline.values):
-        x = np.array([f.to_inner(values.get(f.key, f.start)) for f in model.free])
+        x = model.vector(values)
         fits.append(fit(model, layout, x, settled=0.1, near=outcome.final))
         if fits[-1].reduced < QUIET:
             break

@@ -128,7 +128,7 @@ def _fitted(current: Fit, both: Sequence[Trial], factors: Sequence[float]) -> Fi
         strength = float(np.clip(factor, -_STRONGEST, _STRONGEST))
         model = trial.candidate.extend(model)
         values.update(stronger(trial.candidate, trial.weak, strength))
-    x = np.array([f.to_inner(values.get(f.key, f.start)) for f in model.free])
+    x = model.vector(values)
     try:
         return fit(model, current.layout, x, settled=0.1, near=current)
     except ImpactscopeError:

@@ -6,8 +6,6 @@ import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-
 from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
 from impactscope.discrepancy.impact.candidates.candidate import Candidate, contains, kin_of
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
@@ -151,7 +149,7 @@ def _instead(
     """Another candidate in a finding's place, fitted over the whole window from known numbers."""
     model = _model(outcome, (*rest, candidate))
     layout = outcome.final.layout
-    x = np.array([f.to_inner(known.get(f.key, f.start)) for f in model.free])
+    x = model.vector(known)
     other: Fit | None = None
     with contextlib.suppress(ImpactscopeError):
         other = fit(model, layout, x, settled=0.1)

@@ -127,10 +127,7 @@ class Screening:
 
     def vector(self, model: ImpactModel, start: Mapping[str, float]) -> Array:
         """Numbers of an extended model: those of ``start``, the others as they were fitted."""
-        known = self.current.values
-        return np.array(
-            [f.to_inner(start.get(f.key, known.get(f.key, f.start))) for f in model.free]
-        )
+        return model.vector({**self.current.values, **start})
 
     def _left(self, model: ImpactModel, x: Array) -> Array:
         """What the fitted numbers cannot re-tune of the residuals of an extended model."""

@@ -35,6 +35,7 @@ __all__ = [
     'from_taps',
     'from_within',
     'in_place_of',
+    'least_of_scan',
     'race',
     'related',
     'with_its_numbers',
@@ -247,10 +248,15 @@ def _best_amounts(
         except ImpactscopeError:
             return math.inf
 
-    left = np.array(in_parallel(misfit, amounts))
+    left = in_parallel(misfit, amounts)
+    return [there(amounts[i]) for i in least_of_scan(left, _FROM_SCAN)]
+
+
+def least_of_scan(misfits: Sequence[float], most: int) -> list[int]:
+    """Places of a scan from which the misfit rises to either side; the least first."""
+    left = np.asarray(misfits)
     inner = np.flatnonzero((left[1:-1] <= left[:-2]) & (left[1:-1] < left[2:])) + 1
-    best = inner[np.argsort(left[inner])][:_FROM_SCAN]
-    return [there(amounts[i]) for i in best]
+    return [int(i) for i in inner[np.argsort(left[inner])][:most]]
 
 
 def from_first_contact(
@@ -307,7 +313,7 @@ def in_place_of(leader: Fit, without: ImpactModel, candidate: Candidate) -> Fit 
     trial at this place gives. None where nothing can be simulated.
     """
     known = leader.values
-    x = np.array([f.to_inner(known.get(f.key, f.start)) for f in without.free])
+    x = without.vector(known)
     with contextlib.suppress(ImpactscopeError):
         place = at_point(without, leader.layout, x)
         screening = Screening(place)
@@ -351,7 +357,7 @@ def from_within(
         amounts = sorted(fuller.amplitudes, key=lambda key: -start.get(key, 0.0))
         for key, sign in zip(amounts, (1.0, -1.0), strict=False):
             numbers[key] = size * (1.0 + sign * apart)
-        x = np.array([f.to_inner(numbers.get(f.key, f.start)) for f in model.free])
+        x = model.vector(numbers)
         with contextlib.suppress(ImpactscopeError):
             tried.append(fit(model, leader.layout, x, iterations=12))
             # friction turns round in single samples: its chi-square is rough
@@ -378,8 +384,7 @@ def _its_numbers(leader: Fit, model: ImpactModel, candidate: Candidate) -> list[
     """Starts of a candidate's model from those of a leader's numbers that have its units."""
     known = leader.values
     return [
-        np.array([f.to_inner(numbers.get(f.key, known.get(f.key, f.start))) for f in model.free])
-        for numbers in _of_same_unit(known, leader, candidate)
+        model.vector({**known, **numbers}) for numbers in _of_same_unit(known, leader, candidate)
     ]
 
 
