@@ -13,6 +13,7 @@ from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.discrepancy.impact.search.joint_fits import JointFits
 from impactscope.discrepancy.impact.search.outcome import weigh
 from impactscope.physics.twin.assembly import Effect
+from impactscope.physics.twin.bench import BareContact
 
 
 @pytest.fixture(scope='module')
@@ -85,3 +86,31 @@ def test_what_explains_far_less_than_another_is_not(soft_fixture):
         other,
         before,
     ]
+
+
+@pytest.mark.parametrize('seed', [3, 5])
+def test_what_contacts_amplify_is_sought_from_little(make_campaign, seed):
+    true = {'frequency': 82.0, 'mass_share': 0.026, 'damping_ratio': 0.02}
+    baseline = ('linear_sensor', 'hertz_contact', 'unilateral_contact', 'restoring_force')
+    campaign = make_campaign(
+        seed,
+        [Effect('impactor_flexibility', true)],
+        orientation='horizontal',
+        bare=BareContact(),
+        baseline=baseline,
+        rate=5000.0,
+    )
+    whole = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    current = fit(whole.model, whole.model.layout(whole.layout.blows, 0.023), whole.x)
+    listed = candidates(current, ())
+    flexible = next(c for c in listed if c.label == 'impactor_flexibility')
+    start = {**current.values, 'impactor_flexibility.frequency': 900.0}
+    model = flexible.extend(current.model)
+    before = weigh(flexible, fit(model, current.layout, model.vector(start)), current, 40)
+    promised = {'impactor_flexibility': 1e4}
+    (found,) = JointFits._rung_elsewhere(current, [before], promised, 40)
+    told = found.fit.values['impactor_flexibility.frequency']
+    assert told == pytest.approx(
+        true['frequency'], abs=4.0 * found.fit.std(found.candidate.free[0].key)
+    )
+    assert found.fit.reduced < 1.05

@@ -7,8 +7,11 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from impactscope.discrepancy.impact.fits.least_squares import (
+    _within,
     at_point,
     exact_slopes,
     fit,
@@ -106,3 +109,31 @@ def test_what_one_fit_learns_of_a_model_changes_no_other(bounce):
     again = jacobian(bounce, start, LAYOUT, bounce.residuals(start, LAYOUT))
     assert np.array_equal(slopes, again)
     assert np.array_equal(fit(bounce, LAYOUT, start).x, found.x)
+
+
+@given(seed=st.integers(0, 2**31), size=st.integers(1, 12), reach=st.floats(0.01, 3.0))
+def test_a_step_stays_within_bounds_and_never_leads_uphill(seed, size, reach):
+    rng = np.random.default_rng(seed)
+    slopes = rng.standard_normal((size + 3, size)) @ np.diag(10.0 ** rng.uniform(-2, 2, size))
+    system, gradient = slopes.T @ slopes, slopes.T @ rng.standard_normal(size + 3)
+    x = rng.standard_normal(size)
+    lower, upper = x - reach * rng.random(size), x + reach * rng.random(size)
+    trial = _within(x, system, gradient, np.ones(size, dtype=np.bool_), (lower, upper))
+    assert np.all((trial >= lower) & (trial <= upper))
+    step = trial - x
+    change = float(2.0 * gradient @ step + step @ system @ step)
+    assert change <= 1e-9 * float(np.abs(gradient) @ np.abs(step))
+
+
+def test_what_is_cut_off_at_a_bound_does_not_end_a_fit():
+    # one number shall go far beyond its bound, and drags the other to the wrong side
+    x, lower, upper = np.zeros(2), np.array([-1.0, -1.0]), np.array([0.1, 1.0])
+    slopes = np.array([[1.0, 1.0], [0.0, 0.3]])
+    wanted = np.array([0.2, -0.6])
+    trial = _within(
+        x, slopes.T @ slopes, -slopes.T @ wanted, np.ones(2, dtype=np.bool_), (lower, upper)
+    )
+    assert trial[0] == 0.1
+    # the second is the best there is beside the first at its bound
+    slope = 2.0 * slopes[:, 1] @ (slopes @ trial - wanted)
+    assert slope == pytest.approx(0.0, abs=1e-12)

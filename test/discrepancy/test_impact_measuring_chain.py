@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact.models.measuring_chain import _ahead
+from impactscope.discrepancy.impact.data.binning import binned
+from impactscope.discrepancy.impact.models.measuring_chain import _ahead, coupled_since
 
 RATE = 80_000.0  # Hz, of the moments
 EXACT = 8e6  # Hz, at which bilinear and analogue filters are one
@@ -84,3 +86,38 @@ def test_a_filter_above_half_the_sampling_rate_is_listed(make_campaign):
     filters = [r for r in answer.ranking if r.name == 'low_pass_filter']
     assert filters
     assert float(filters[0].parameters['cutoff'].value) == pytest.approx(1500.0, rel=0.3)
+
+
+@pytest.mark.parametrize('corner', [0.01, 0.5, 5.0])
+@pytest.mark.parametrize('offset', [0.0, 0.2])
+@pytest.mark.parametrize('fine', [1, 4])
+def test_a_coupling_remembers_the_fall_that_no_model_tells(corner, offset, fine):
+    rate, contact_at = 5000.0, 0.4
+    t = np.arange(round(rate * fine)) / (rate * fine)
+    fallen = np.where((t > 0.12) & (t < contact_at), 3.0 * np.cos(4.0 * t), 0.0)
+    blow = np.where(t >= contact_at, -80.0 * np.exp(-(((t - 0.404) / 2e-3) ** 2)) + 0.3, 0.0)
+    b, a = signal.butter(1, corner, btype='high', fs=rate * fine)
+    expected = signal.lfilter(b, a, fallen + blow)
+    read = ChannelSamples('acceleration.impactor', 'm/s^2', rate, 0.0, expected[::fine] + offset)
+    channel = binned(read, (contact_at, 0.4, 0.6), 0.1, None, coarse=True)
+    moments = channel.time[0] + np.arange((channel.time.size - 1) * fine + 1) / (rate * fine)
+    effects = [('ac_coupling', {'corner': corner}), ('offset', {'value': offset})]
+    found = coupled_since(contact_at, blow[: moments.size], moments, channel, effects, fine)
+    after = moments >= contact_at
+    size = np.max(np.abs(found - expected[: moments.size])[after])
+    # between samples, the coarser filter's integral is not that of the finer one
+    assert size < (1e-9 if fine == 1 else 1e-3 + 5e-3 * corner)
+
+
+def test_a_coupling_may_have_settled_on_a_fall_without_a_beginning():
+    rate, contact_at = 5000.0, 0.1
+    t = np.arange(round(0.3 * rate)) / rate
+    course = np.where(t < contact_at, 0.5, 0.5 - 80.0 * np.exp(-(((t - 0.104) / 2e-3) ** 2)))
+    b, a = signal.butter(1, 2.0, btype='high', fs=rate)
+    expected = signal.lfilter(b, a, course, zi=-b[:1] * course[0])[0]
+    read = ChannelSamples('acceleration.impactor', 'm/s^2', rate, 0.0, expected)
+    channel = binned(read, (contact_at, 0.1, 0.2), 0.1, None, coarse=True)
+    effects = [('ac_coupling', {'corner': 2.0})]
+    size = channel.time.size
+    found = coupled_since(contact_at, course[:size], channel.time, channel, effects)
+    assert found == pytest.approx(expected[:size], abs=1e-9)

@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel, Layout
 from impactscope.discrepancy.parallel import in_parallel
@@ -38,6 +39,8 @@ Array = NDArray[np.float64]
 
 _STEP = 0.02  # of a number's scale, for finite differences at most
 _FELT = 3.0  # norm of the change of all residuals that a step shall make
+_TOO_FAR = 10.0  # times that, by which slopes are those of another place
+_REACH = 1.5  # of a logarithm, in one step: numbers that hardly tell go off to their bounds else
 _SETTLED = 0.02  # fall of chi-square, over its mean, below which a fit has converged
 _UPDATED = 3  # steps in a row for which slopes are brought up to date and not taken anew
 _FAR_OFF = 4.0  # times the chi-square of a fit, from which a start is not close by
@@ -205,6 +208,13 @@ def _weighted_median(rows: Array, weights: Array) -> Array:
     return np.asarray(0.5 * (ranked[low, columns] + ranked[high, columns]))
 
 
+def _rough(model: ImpactModel, slopes: Array) -> bool:
+    """Whether a number's slopes were taken by a step that changes far more than is wanted."""
+    norms = np.linalg.norm(slopes, axis=0)
+    steps = [min(_STEP * f.scale, model.steps.get(f.key, math.inf)) for f in model.free]
+    return bool(np.any(norms * steps > _TOO_FAR * _FELT))
+
+
 def _change(
     model: ImpactModel, layout: Layout, x: Array, residuals: Array, j: int, step: float
 ) -> Array:
@@ -282,11 +292,13 @@ def fit(
     x = model.start() if start is None else start.copy()
     lower, upper = model.bounds()
     x = np.clip(x, lower, upper)
+    reach = np.array([_REACH if f.logarithmic else math.inf for f in model.free])
     residuals = model.residuals(x, layout)
     cost = float(residuals @ residuals)
     if near is not None and cost > _FAR_OFF * max(near.chi_square, float(layout.size)):
         near = None  # its slopes tell nothing there
     slopes, updates = _first_slopes(model, layout, x, residuals, near)
+    rough = _rough(model, slopes)
     model = stepping(model, layout, slopes)
     damping, growth, converged = 1e-4, 2.0, False
     for _ in range(iterations):
@@ -295,19 +307,18 @@ def fit(
         gradient = slopes.T @ residuals
         pinned = ((x <= lower) & (gradient > 0)) | ((x >= upper) & (gradient < 0))
         curvature = slopes.T @ slopes
+        told = np.diag(curvature) > 0.0  # a number that nothing tells stays where it is
         diagonal = np.maximum(np.diag(curvature), 1e-12)
-        moves = ~pinned
-        step = np.zeros_like(x)
         system = curvature + damping * np.diag(diagonal)
         try:
-            step[moves] = -np.linalg.solve(system[np.ix_(moves, moves)], gradient[moves])
+            near_by = np.maximum(lower, x - reach), np.minimum(upper, x + reach)
+            trial = _within(x, system, gradient, told & ~pinned, near_by)
         except np.linalg.LinAlgError:
             damping *= 10.0
             continue
-        trial = np.clip(x + step, lower, upper)
         step = trial - x
         expected = -float(2.0 * gradient @ step + step @ curvature @ step)
-        if expected < enough and damping <= 1.0:
+        if 0.0 <= expected < enough and damping <= 1.0:
             if not (updates and fresh):
                 converged = True
                 break
@@ -336,8 +347,8 @@ def fit(
                 slopes, updates = jacobian(model, x, layout, residuals), 0
                 model = stepping(model, layout, slopes)
         else:
-            if updates:
-                slopes, updates = jacobian(model, x, layout, residuals), 0
+            if updates or rough:
+                slopes, updates, rough = jacobian(model, x, layout, residuals), 0, False
                 model = stepping(model, layout, slopes)
                 continue
             damping *= growth
@@ -346,6 +357,35 @@ def fit(
                 converged = True
                 break
     return Fit(model, layout, x, residuals, cost, converged, None if updates else slopes)
+
+
+def _within(
+    x: Array,
+    system: Array,
+    gradient: Array,
+    moves: NDArray[np.bool_],
+    bounds: tuple[Array, Array],
+) -> Array:
+    """Where a step leads that stays within bounds; the best that does.
+
+    One that is only cut off may lead uphill: what stops at its bound drags others along.
+    """
+    if not moves.any():
+        return x
+    lower, upper = (b[moves] for b in bounds)
+    inner, pull = system[np.ix_(moves, moves)], gradient[moves]
+    trial = x.copy()
+    trial[moves] = x[moves] - np.linalg.solve(inner, pull)
+    if np.all((trial[moves] >= lower) & (trial[moves] <= upper)):
+        return trial
+    scale = np.sqrt(np.diag(inner))
+    root = np.linalg.cholesky(inner / np.outer(scale, scale)).T
+    aim = -np.linalg.solve(root.T, pull / scale)
+    limits = (lower - x[moves]) * scale, (upper - x[moves]) * scale
+    with np.errstate(divide='ignore', invalid='ignore'):
+        found = optimize.lsq_linear(root, aim, limits, method='bvls')
+    trial[moves] = np.clip(x[moves] + found.x / scale, lower, upper)
+    return trial
 
 
 def _updated(slopes: Array, step: Array, change: Array, scales: Array) -> Array:

@@ -24,6 +24,7 @@ from impactscope.discrepancy.impact.models.bench_parameters import (
     weight_as_stated,
 )
 from impactscope.discrepancy.impact.models.measuring_chain import (
+    coupled_since,
     distort,
     fineness,
     moments_of,
@@ -430,7 +431,12 @@ class ImpactModel:
         clean = simulated.gains[name] * simulated.rows[simulated.where[name], CHANNELS[name][1]]
         fine = simulated.whole.get(name, 1)
         moments = sample_moments(channel, fine) if name in simulated.whole else channel.nodes
-        for kind, numbers in simulated.chain.get(name, ()):
+        chain = simulated.chain.get(name, ())
+        for place, (kind, numbers) in enumerate(chain):
+            if kind == 'ac_coupling' and name == 'acceleration.impactor':
+                behind = chain[place:]
+                clean = coupled_since(simulated.start, clean, moments, channel, behind, fine)
+                continue
             clean = distort(kind, clean, moments, channel, numbers, fine)
         return np.asarray(clean[::fine])
 

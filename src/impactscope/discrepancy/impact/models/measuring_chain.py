@@ -18,6 +18,7 @@ from impactscope.physics.mechanisms.registry import mechanism
 __all__ = [
     'HIGHEST',
     'LOWEST_AHEAD',
+    'coupled_since',
     'distort',
     'fineness',
     'moments_of',
@@ -35,6 +36,8 @@ LOWEST_AHEAD = 0.15
 _FINE = 40  # moments for each sample at most, where a filter acts before sampling
 _FINEST = 4e4  # moments in a second, that are enough
 _LINES = 200  # of an arc, that are summed
+_ADDED = ('offset', 'zero_drift', 'mains_hum')
+_BEFORE = 0.01  # s before a contact, in which an impactor is falling
 _KINK_TIME = 1.5e-5  # s around a reversal in which a sample may fall on either side of its jump
 
 
@@ -112,6 +115,55 @@ def distort(
     if acting is None:
         raise ImpactscopeError(f'{kind} is not an effect on samples')
     return np.asarray(acting(clean, rate, numbers), dtype=np.float64)
+
+
+def coupled_since(
+    contact: float,
+    clean: Array,
+    moments: Array,
+    channel: BinnedChannel,
+    effects: Sequence[tuple[str, Mapping[str, float]]],
+    fine: int = 1,
+) -> Array:
+    """Values of an impactor's channel after AC coupling, shape (n,).
+
+    An impactor is held, let go and falls before it strikes, and of that no model tells. What it
+    left in the coupling is told by what was read meanwhile: the input of a high-pass is its
+    reading and the integral of that. Only where the reading right before the contact is that of
+    one that has been falling for long, as a simulation may have it, the coupling is settled.
+
+    Args:
+        contact: first moment of which the model tells, s.
+        clean: values that come to the coupling at ``moments``, s, shape (n,).
+        moments: ``fine`` for each sample.
+        channel: what was read.
+        effects: that and what acts behind it in the chain.
+        fine: moments for each sample.
+    """
+    (_, numbers), *behind = effects
+    corner = min(numbers['corner'], HIGHEST * channel.sample_rate)
+    begin = int(np.searchsorted(moments, contact))
+    known = -(-begin // fine)  # samples before
+    if corner == 0.0 or begin == 0:
+        return clean
+    added = np.zeros(known)
+    for kind, own in behind:
+        if kind in _ADDED:
+            added = distort(kind, added, channel.time[:known], channel, own)
+    read = np.nan_to_num(channel.samples[:known] - added)
+    b, a = signal.butter(1, corner, btype='high', fs=channel.sample_rate)
+    entered = signal.lfilter(a, b, read)
+    held = clean.copy()
+    held[:begin] -= np.repeat(entered - read, fine)[:begin]
+    high_pass = signal.butter(1, corner, btype='high', fs=fine * channel.sample_rate)
+    fallen = signal.lfilter(*high_pass, clean, zi=-high_pass[0][:1] * clean[0])[0]
+    last = slice(max(0, known - math.ceil(_BEFORE * channel.sample_rate)), known)
+    missed = [float(np.sum((p[:begin:fine] - read)[last] ** 2)) for p in (held, fallen)]
+    if missed[1] < missed[0]:
+        return np.asarray(fallen)
+    left = np.array([high_pass[0][1] * entered[-1] - high_pass[1][1] * read[-1]])
+    held[begin:] = signal.lfilter(*high_pass, clean[begin:], zi=left)[0]
+    return held
 
 
 def _low_pass(samples: Array, rate: float, numbers: Mapping[str, float]) -> Array:

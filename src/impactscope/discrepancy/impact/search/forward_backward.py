@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -73,6 +73,7 @@ _MOST = 3  # findings
 _SURE = 4.0  # standard deviations of what is left
 _SWEPT = (-3.0, -2.0, -1.3, -0.7, 0.7, 1.3, 2.0, 3.0)  # standard deviations
 _SCANNED = tuple(float(x) for x in np.linspace(-3.0, 3.0, 121))  # likewise, without fits
+_ENDED = tuple(float(x) for x in np.geomspace(1.0, 0.01, 61))  # of a ramp, where it may end
 _FROM_SCAN = 4  # places of these from which fits set out
 _AHEAD = 3  # candidates that are fitted jointly where only the way is sought
 _BEAM = 2  # first steps that are followed when none explains the recordings
@@ -621,7 +622,36 @@ def _swept(before: Fit, grown: Fit, outcome: Outcome) -> Fit:
             except ImpactscopeError:
                 continue
             best = min(best, made, key=lambda f: f.chi_square)
+    for begin in _ramps(before, grown, pulls):
+        with contextlib.suppress(ImpactscopeError):
+            made = fit(grown.model, grown.layout, begin, iterations=12)
+            best = min(best, made, key=lambda f: f.chi_square)
     return best
+
+
+def _ramps(before: Fit, grown: Fit, pulls: Sequence[Candidate]) -> list[Array]:
+    """Pushes that rise as steeply and end sooner: a ramp does not tell how far it goes."""
+    begins: list[Array] = []
+    for candidate in pulls:
+        force, rise = (f'{candidate.label}.{n}' for n in ('force', 'rise'))
+        values = before.values
+        if force not in values or rise not in values:
+            continue
+
+        def ended(
+            share: float, values: Mapping[str, float] = values, keys: Sequence[str] = (force, rise)
+        ) -> Array:
+            return before.model.vector({**values, **{k: share * values[k] for k in keys}})
+
+        def misfit(share: float, ended: Callable[[float], Array] = ended) -> float:
+            try:
+                return at_point(grown.model, grown.layout, ended(share)).chi_square
+            except ImpactscopeError:
+                return math.inf
+
+        places = least_of_scan(in_parallel(misfit, _ENDED), _FROM_SCAN)
+        begins += [ended(_ENDED[i]) for i in places]
+    return begins
 
 
 def _scanned(before: Fit, grown: Fit, along: Array) -> list[float]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.evidence import Thresholds, least_gain
-from impactscope.discrepancy.impact.candidates.candidate import Candidate
+from impactscope.discrepancy.impact.candidates.candidate import Candidate, stronger
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.candidates.channel_effects import delays_like
 from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, fit
@@ -45,6 +45,8 @@ LOST = 2.0
 _SUSPECTED = 0.1  # chance, all looks together, up to which a candidate is fitted again later
 _RUNG, _AS_MUCH = 60.0, 0.3  # of chi-square, and of the best gain, from which that is done
 _FREQUENCIES = tuple(float(f) for f in np.geomspace(30.0, 600.0, 9))  # Hz
+_SHARES = tuple(float(s) for s in np.geomspace(1.0, 1e-3, 7))  # of an amount to begin with
+_BEARABLE = 10.0  # times the chi-square without it
 _JOINT = 6  # candidates that are fitted jointly in a step
 
 
@@ -239,15 +241,18 @@ class JointFits:
                 return found
             model = candidate.extend(current.model)
 
-            def fitted(frequency: float, model: ImpactModel = model, key: str = key) -> Fit | None:
-                numbers = {**current.values, key: frequency}
-                x = model.vector(numbers)
+            def fitted(x: Array, model: ImpactModel = model) -> Fit | None:
                 try:
                     return fit(model, current.layout, x, settled=0.1, iterations=40)
                 except ImpactscopeError:
                     return None
 
-            fits = [f for f in in_parallel(fitted, _FREQUENCIES) if f is not None]
+            begins = [
+                x
+                for frequency in _FREQUENCIES
+                for x in _begins(candidate, model, {**current.values, key: frequency}, current)
+            ]
+            fits = [f for f in in_parallel(fitted, begins) if f is not None]
             best = min((item.fit, *fits), key=lambda f: f.chi_square)
             better.append(weigh(candidate, best, current, looks))
         return better
@@ -275,6 +280,23 @@ class JointFits:
                 continue
             found.append(weigh(candidate, joint, current, looks))
         return found
+
+
+def _begins(
+    candidate: Candidate, model: ImpactModel, numbers: Mapping[str, float], current: Fit
+) -> list[Array]:
+    """Where fits set out: with a usual amount, and one that still looks like the recordings.
+
+    What contacts amplify is felt in so small amounts that from a usual one no slope leads on.
+    """
+    usual = model.values(model.vector(numbers))
+    begins = [model.vector(usual)]
+    for share in _SHARES:
+        x = model.vector(stronger(candidate, usual, share))
+        with contextlib.suppress(ImpactscopeError):
+            if at_point(model, current.layout, x).chi_square < _BEARABLE * current.chi_square:
+                return [*begins, x] if share < 1.0 else begins
+    return begins
 
 
 def _everywhere(joint: Fit, current: Fit) -> bool:
