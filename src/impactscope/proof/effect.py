@@ -93,7 +93,7 @@ class Effect:
     fits: Callable[[Scenario], bool] = always
     prepare: Callable[[Scenario], Scenario] = _unchanged  # what the baseline lacks
     variant: str = ''  # tells effects of the same name apart
-    family: str = 'library'  # library, parameter, label or outside
+    family: str = 'library'  # library, parameter, label, outside, or look-alike: never drawn
     tunable: bool = True
 
     @property
@@ -144,7 +144,7 @@ def bench_effect(
         setup: draws what stands in the recipes by name.
         shapes: such draws that stand for all of them, where it may look like something else.
         fits: which campaigns it can be concealed in.
-        family: library or outside.
+        family: library, outside or look-alike.
         variant: tells it apart from others of the same name.
     """
 

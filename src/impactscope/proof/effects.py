@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from .effect import Aux, Effect, bench_effect, largest, sprung
-from .effects_axis import AXIS_EFFECTS, AXIS_STRANGERS
+from .effects_axis import AXIS_EFFECTS, AXIS_LOOK_ALIKES, AXIS_STRANGERS
 from .effects_bench import BENCH_EFFECTS
 from .effects_chain import CHAIN_EFFECTS
 from .effects_wrong import WRONG_LABELS, WRONG_NUMBERS
@@ -153,6 +153,7 @@ OUTSIDE: tuple[Effect, ...] = (
 EFFECTS: tuple[Effect, ...] = (
     *BENCH_EFFECTS,
     *AXIS_EFFECTS,
+    *AXIS_LOOK_ALIKES,
     *CHAIN_EFFECTS,
     *WRONG_NUMBERS,
     *WRONG_LABELS,

@@ -10,7 +10,7 @@ from .effect import Aux, Effect, axial, bench_effect, largest
 from .measurement import noise_free
 from .scenario import Scenario
 
-__all__ = ['AXIS_EFFECTS', 'AXIS_STRANGERS']
+__all__ = ['AXIS_EFFECTS', 'AXIS_LOOK_ALIKES', 'AXIS_STRANGERS']
 
 Drawn = dict[str, float | str]
 
@@ -105,6 +105,20 @@ AXIS_EFFECTS: tuple[Effect, ...] = (
         setup=_frame,
         fits=axial,
         variant='axis',
+    ),
+)
+
+AXIS_LOOK_ALIKES: tuple[Effect, ...] = (
+    # a zero of the recorded drive is a constant force to the axis that is led by that record
+    bench_effect(
+        'offset',
+        'measurement',
+        {'gravity_load': 1.0},
+        {'value': 1.0},
+        (1e-8, 50.0),
+        fits=axial,
+        variant='drive',
+        family='look-alike',
     ),
 )
 
