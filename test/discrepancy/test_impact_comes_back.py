@@ -16,7 +16,7 @@ from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.discrepancy.impact.search import forward_backward
 from impactscope.discrepancy.impact.search.forward_backward import _rivals_followed
 from impactscope.discrepancy.impact.search.outcome import weigh
-from impactscope.discrepancy.impact.search.strong_effects import from_return
+from impactscope.discrepancy.impact.search.returns import from_return
 from impactscope.physics.pendulum import Orientation
 from impactscope.physics.twin.assembly import Effect, implied_effects
 from impactscope.physics.twin.bench import PAPER_LAYER, Bench, HammerTap, RobotBlow, Sensor

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -49,17 +49,16 @@ from impactscope.discrepancy.impact.search.outcome import (
 from impactscope.discrepancy.impact.search.pairs import Pair, pairs
 from impactscope.discrepancy.impact.search.profile_likelihood import profiled
 from impactscope.discrepancy.impact.search.pruning import prune
+from impactscope.discrepancy.impact.search.returns import swept
 from impactscope.discrepancy.impact.search.screening import Screening, Trial
 from impactscope.discrepancy.impact.search.strong_effects import (
     from_first_contact,
     from_taps,
-    least_of_scan,
 )
 from impactscope.discrepancy.impact.search.time_offsets import with_late_channel
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
-from impactscope.physics.mechanisms.mechanism import Subsystem
 
 __all__ = ['Search']
 
@@ -71,10 +70,6 @@ WINDOWS = (0.04, 0.1, 0.25, math.inf)
 _LOOKED = (0.25,)  # windows in which is looked for weak effects, beside the last
 _MOST = 3  # findings
 _SURE = 4.0  # standard deviations of what is left
-_SWEPT = (-3.0, -2.0, -1.3, -0.7, 0.7, 1.3, 2.0, 3.0)  # standard deviations
-_SCANNED = tuple(float(x) for x in np.linspace(-3.0, 3.0, 121))  # likewise, without fits
-_ENDED = tuple(float(x) for x in np.geomspace(1.0, 0.01, 61))  # of a ramp, where it may end
-_FROM_SCAN = 4  # places of these from which fits set out
 _AHEAD = 3  # candidates that are fitted jointly where only the way is sought
 _BEAM = 2  # first steps that are followed when none explains the recordings
 _FIRST = 0.012  # s after the onset from which fits grow
@@ -149,7 +144,7 @@ class Search:
                 current = dataclasses.replace(current, x=baseline.x)
             grown, until = _by_convention(current, outcome, reached, window)
             if current.reduced <= QUIET and _worse(current, grown):
-                grown = _swept(current, grown, outcome)
+                grown = swept(current, grown, outcome.accepted)
             if until < window and detours:
                 # look where the misfit has only begun
                 detours -= 1
@@ -598,77 +593,6 @@ def _worse(before: Fit, grown: Fit) -> bool:
     left = grown.chi_square - before.chi_square
     usual = max(1.0, before.reduced)
     return left > usual * (further + _SURE * math.sqrt(2.0 * max(further, 1)))
-
-
-def _swept(before: Fit, grown: Fit, outcome: Outcome) -> Fit:
-    """The fit of a longer window from amounts to either side of what a shorter one told.
-
-    When an impactor comes back is told by what pulls it. Where a shorter window leaves that open
-    by more than a contact lasts, no slope leads from one moment to the other.
-    """
-    keys = [f.key for f in before.model.free]
-    if keys != [f.key for f in grown.model.free]:
-        return grown
-    covariance, best = before.covariance(), grown
-    pulls = [c for c in outcome.accepted if c.subsystem == Subsystem.IMPACTOR.value]
-    amounts = {k for c in pulls for k in c.amplitudes if k in keys}
-    for j in (keys.index(k) for k in sorted(amounts)):
-        if not covariance[j, j] > 0.0:
-            continue
-        along = covariance[:, j] / math.sqrt(covariance[j, j])
-        for far in (*_SWEPT, *_scanned(before, grown, along)):
-            try:
-                made = fit(grown.model, grown.layout, _moved(before, far * along), iterations=12)
-            except ImpactscopeError:
-                continue
-            best = min(best, made, key=lambda f: f.chi_square)
-    for begin in _ramps(before, grown, pulls):
-        with contextlib.suppress(ImpactscopeError):
-            made = fit(grown.model, grown.layout, begin, iterations=12)
-            best = min(best, made, key=lambda f: f.chi_square)
-    return best
-
-
-def _ramps(before: Fit, grown: Fit, pulls: Sequence[Candidate]) -> list[Array]:
-    """Pushes that rise as steeply and end sooner: a ramp does not tell how far it goes."""
-    begins: list[Array] = []
-    for candidate in pulls:
-        force, rise = (f'{candidate.label}.{n}' for n in ('force', 'rise'))
-        values = before.values
-        if force not in values or rise not in values:
-            continue
-
-        def ended(
-            share: float, values: Mapping[str, float] = values, keys: Sequence[str] = (force, rise)
-        ) -> Array:
-            return before.model.vector({**values, **{k: share * values[k] for k in keys}})
-
-        def misfit(share: float, ended: Callable[[float], Array] = ended) -> float:
-            try:
-                return at_point(grown.model, grown.layout, ended(share)).chi_square
-            except ImpactscopeError:
-                return math.inf
-
-        places = least_of_scan(in_parallel(misfit, _ENDED), _FROM_SCAN)
-        begins += [ended(_ENDED[i]) for i in places]
-    return begins
-
-
-def _scanned(before: Fit, grown: Fit, along: Array) -> list[float]:
-    """Standard deviations to either side at which a longer window is met least badly."""
-
-    def misfit(far: float) -> float:
-        try:
-            return at_point(grown.model, grown.layout, _moved(before, far * along)).chi_square
-        except ImpactscopeError:
-            return math.inf
-
-    return [_SCANNED[i] for i in least_of_scan(in_parallel(misfit, _SCANNED), _FROM_SCAN)]
-
-
-def _moved(found: Fit, by: Array) -> Array:
-    """Numbers of a fit that are changed, within their bounds: some may be known by no means."""
-    return np.asarray(np.clip(found.x + by, *found.model.bounds()))
 
 
 def _near(found: Fit, window: float) -> Fit:

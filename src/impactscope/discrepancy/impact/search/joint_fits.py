@@ -23,9 +23,9 @@ from impactscope.discrepancy.impact.candidates.channel_effects import delays_lik
 from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, fit
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
 from impactscope.discrepancy.impact.search.outcome import QUIET, Found, settled_without, weigh
+from impactscope.discrepancy.impact.search.returns import from_return
 from impactscope.discrepancy.impact.search.screening import Remembered, Screening, Trial
 from impactscope.discrepancy.impact.search.strong_effects import (
-    from_return,
     in_place_of,
     race,
     related,

@@ -31,11 +31,9 @@ from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
 __all__ = [
     'from_first_contact',
-    'from_return',
     'from_taps',
     'from_within',
     'in_place_of',
-    'least_of_scan',
     'race',
     'related',
     'with_its_numbers',
@@ -52,10 +50,6 @@ _SAME_UNIT = 12  # starts from numbers of the same unit
 _MET = 2.0  # reduced chi-square of the first contacts, up to which a candidate meets them
 _REFINED = 2  # starts of a candidate that are refined
 _APART = (0.002, 0.005, 0.012, 0.4)  # of a finding: between a fuller law's two numbers for it
-_PULLS = ('external_push', 'restoring_force', 'gravity_load')  # tell when an impactor returns
-_SHARES = np.geomspace(0.01, 100.0, 41).tolist()
-_AMOUNTS = (*(-x for x in reversed(_SHARES)), *_SHARES)  # of a pull, over the one it starts from
-_FROM_SCAN = 2  # places of these from which fits set out
 
 
 def _rung(model: ImpactModel, blows: Sequence[int], length: float, window: float) -> Layout:
@@ -196,67 +190,6 @@ def from_taps(baseline: Fit, baseline_names: Sequence[str]) -> list[tuple[Candid
             )
             found.append((candidate, fit_baseline(extended)))
     return sorted(found, key=lambda item: (-item[1].layout.size, item[1].reduced))
-
-
-def from_return(place: Fit, listed: Sequence[Candidate]) -> list[tuple[Candidate, Fit]]:
-    """What pulls an impactor, by the amount that lets it come back when it did; best first.
-
-    A pull hardly shows before the impactor returns, and then by when it does: that is met within
-    a contact's time or not at all, and no slope leads to it. So amounts are tried one by one.
-
-    Args:
-        place: the model without them, up to a return that it misses; at numbers that have met
-            everything before.
-        listed: candidates.
-    """
-    screening = Screening(place)
-    found: list[tuple[Candidate, Fit]] = []
-    for candidate in listed:
-        if candidate.name not in _PULLS or len(candidate.amplitudes) != 1 or candidate.parameter:
-            continue
-        ((key, absent),) = candidate.amplitudes.items()
-        model = candidate.extend(place.model)
-        at = [f.key for f in model.free].index(key)
-        number = model.free[at]
-        begins: list[Array] = []
-        for start in candidate.starts:
-            size = abs(start.get(key, number.start) - absent)
-            amounts = [absent + size * share for share in _AMOUNTS]
-            amounts = [a for a in amounts if number.lower <= a <= number.upper]
-            begin = screening.vector(model, start)
-            begins += _best_amounts(model, place.layout, begin, at, amounts)
-        fits = [f for f in (_fitted(model, place.layout, x) for x in begins) if f is not None]
-        if fits:
-            found.append((candidate, min(fits, key=lambda f: f.chi_square)))
-    return sorted(found, key=lambda item: item[1].chi_square)
-
-
-def _best_amounts(
-    model: ImpactModel, layout: Layout, begin: Array, at: int, amounts: Sequence[float]
-) -> list[Array]:
-    """Vectors with those amounts from which the misfit rises to either side; the least first."""
-    number = model.free[at]
-
-    def there(amount: float) -> Array:
-        x = begin.copy()
-        x[at] = number.to_inner(amount)
-        return x
-
-    def misfit(amount: float) -> float:
-        try:
-            return at_point(model, layout, there(amount)).chi_square
-        except ImpactscopeError:
-            return math.inf
-
-    left = in_parallel(misfit, amounts)
-    return [there(amounts[i]) for i in least_of_scan(left, _FROM_SCAN)]
-
-
-def least_of_scan(misfits: Sequence[float], most: int) -> list[int]:
-    """Places of a scan from which the misfit rises to either side; the least first."""
-    left = np.asarray(misfits)
-    inner = np.flatnonzero((left[1:-1] <= left[:-2]) & (left[1:-1] < left[2:])) + 1
-    return [int(i) for i in inner[np.argsort(left[inner])][:most]]
 
 
 def from_first_contact(
