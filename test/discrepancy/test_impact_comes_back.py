@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
+from scipy import signal
 
 from impactscope.discrepancy.campaign import Campaign, ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
@@ -23,6 +26,7 @@ from impactscope.physics.twin.bench import PAPER_LAYER, Bench, HammerTap, RobotB
 from impactscope.physics.twin.simulate import simulate_at
 
 RATE, CONTACT = 2500.0, 0.1
+HELD = round((CONTACT - 0.05) * RATE)  # samples until an impactor is let go
 SPEEDS = (0.06, 0.10, 0.15, 0.12)
 MASS = 2.4
 
@@ -121,3 +125,33 @@ def test_what_did_as_well_before_a_return_is_followed_over_it(make_campaign, mon
     assert [f.candidate for f in followed] == [r.candidate for r in rivals[: len(followed)]]
     for again, before in zip(followed, rivals, strict=False):
         assert again.fit.chi_square <= before.fit.chi_square < 0.01 * without.chi_square
+
+
+@pytest.mark.slow
+def test_a_coupling_behind_a_pull_is_found_beside_it():
+    corner, noise = 0.05, 0.02
+    campaign = carts(7, 0.4, 0.5, noise)
+    # AC coupling remembers how the impactor was held and fell, of which no model tells
+    rng = np.random.default_rng(8)
+    high_pass = signal.butter(1, corner, btype='high', fs=RATE)
+
+    def coupled(channel):
+        values = channel.values.copy()
+        values[:HELD] = noise * rng.standard_normal(HELD)
+        return dataclasses.replace(channel, values=signal.lfilter(*high_pass, values))
+
+    recordings = tuple(
+        dataclasses.replace(
+            r,
+            channels={
+                n: coupled(c) if n == 'acceleration.impactor' else c for n, c in r.channels.items()
+            },
+        )
+        for r in campaign.recordings
+    )
+    answer = explain(dataclasses.replace(campaign, recordings=recordings))
+    assert set(answer.accepted) == {'gravity_load', 'ac_coupling'}
+    found = {f.name: f.parameters for f in answer.findings}
+    for name, key, true in (('ac_coupling', 'corner', corner), ('gravity_load', 'force', 0.4)):
+        number = found[name][key]
+        assert abs(number.value - true) < 3.0 * number.std < 0.3 * true
