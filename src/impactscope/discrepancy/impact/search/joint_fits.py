@@ -150,7 +150,7 @@ class JointFits:
                 continue
             if item.counts(self.thresholds.false_finding):
                 known = item.fit.values
-                x = np.array([f.to_inner(known[f.key]) for f in current.model.free])
+                x = current.model.vector(known)
                 again = fit(current.model, current.layout, x, near=current)
                 if again.chi_square < best.chi_square:
                     best = again
@@ -273,7 +273,7 @@ class JointFits:
         ):
             model = candidate.extend(current.model)
             known = {**values, candidate.free[0].key: number}
-            x = np.array([f.to_inner(known[f.key]) for f in model.free])
+            x = model.vector(known)
             try:
                 joint = fit(model, current.layout, x, settled=0.1, near=like.fit, fresh=False)
             except ImpactscopeError:

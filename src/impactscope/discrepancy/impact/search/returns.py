@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,13 +104,9 @@ def _ramps(before: Fit, grown: Fit, pulls: Sequence[Candidate]) -> list[Array]:
         values = before.values
         if force not in values or rise not in values:
             continue
-
-        def ended(
-            share: float, values: Mapping[str, float] = values, keys: Sequence[str] = (force, rise)
-        ) -> Array:
-            return before.model.vector({**values, **{k: share * values[k] for k in keys}})
-
-        begins += _least(grown.model, grown.layout, [ended(share) for share in _ENDED], _FROM_SCAN)
+        ends = ({force: share * values[force], rise: share * values[rise]} for share in _ENDED)
+        scan = [before.model.vector({**values, **end}) for end in ends]
+        begins += _least(grown.model, grown.layout, scan, _FROM_SCAN)
     return begins
 
 
