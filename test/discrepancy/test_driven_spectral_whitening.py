@@ -1,10 +1,15 @@
 """Whitening by a spectrum, and what is known of a force and of both ends of a chain."""
 
+import dataclasses
+import math
+
 import numpy as np
 import pytest
 from scipy import signal
 
 from impactscope.discrepancy.driven.data.measured_force import known_force
+from impactscope.discrepancy.driven.models.model import Segment
+from impactscope.discrepancy.driven.noise.coloured_noise import Colour
 from impactscope.discrepancy.driven.noise.spectral_whitening import (
     fitted_colour,
     levels,
@@ -12,7 +17,7 @@ from impactscope.discrepancy.driven.noise.spectral_whitening import (
     weight_by_runs,
     whitening,
 )
-from impactscope.discrepancy.driven.systems.chain_noise import both_noises
+from impactscope.discrepancy.driven.systems.chain_noise import ChainNoise, both_noises
 
 SAMPLES = 20_000
 
@@ -121,3 +126,26 @@ def test_a_coarse_reading_that_rests_counts_once():
     assert np.sum(weight[3000:] ** 2) < 20.0  # it reads nothing but zero
     fine = 0.2 * np.round((swing + 0.1 * rng.standard_normal(time.size)) / 0.2)
     assert weight_by_runs(fine, 0.115) is None
+
+
+def test_white_noise_of_an_input_is_no_faint_signal_where_the_outputs_noise_is_slow():
+    """A candidate that turns it, line by line, would fit the output's noise by chance."""
+    rng = np.random.default_rng(6)
+    sections = signal.butter(4, 0.05, output='sos')
+    x = 100.0 * signal.sosfilt(sections, rng.standard_normal(SAMPLES))
+    x[: SAMPLES // 2] *= np.hanning(SAMPLES // 2)
+    x[SAMPLES // 2 :] = 0.0
+    keep = 0.9
+    slow = signal.lfilter([math.sqrt(1.0 - keep**2)], [1.0, -keep], rng.standard_normal(SAMPLES))
+    into, out = 0.05, 1.0
+    u, y = x + into * rng.standard_normal(SAMPLES), x + out * slow
+    drive = np.stack([u, np.zeros(SAMPLES)])
+    chain = Segment('r', 'c', 'N', False, 0.0, 1e-4, y, drive)
+    flat = (np.full(SAMPLES // 2 + 1, v**2) for v in (into, out))
+    noise, drive = ChainNoise.of(chain, *flat, 1.0)
+    whole = dataclasses.replace(chain, whitener=noise, drive=drive)
+    colour = Colour(0.0, ((1.0, -math.log(keep) / math.pi),))
+    made = noise.evened_out().coloured(whole, colour, 1.0)
+    faint = np.abs(np.fft.rfft(made.drive[1] - made.drive[3])) ** 2 / SAMPLES
+    assert np.mean(faint[SAMPLES // 4 :]) < 0.1 * into**2
+    assert np.mean(np.abs(np.fft.rfft(made.drive[0])[10:300]) ** 2) > 1e3  # the signal is there

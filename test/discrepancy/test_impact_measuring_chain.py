@@ -57,8 +57,12 @@ def test_what_lies_beyond_the_filter_does_nothing():
     assert np.max(np.abs(found - course)) < 0.01
 
 
-def resampled(campaign, channel, rate, cutoff):
-    """A campaign with one channel filtered at its own rate, then all taken at a lower one."""
+def resampled(campaign, channel, rate, cutoff, noise=None):
+    """A campaign with one channel filtered at its own rate, then all taken at a lower one.
+
+    ``noise``: of that channel behind the filter, which then runs forwards and backwards.
+    """
+    rng = np.random.default_rng(5)
     recordings = []
     for recording in campaign.recordings:
         channels = {}
@@ -67,7 +71,11 @@ def resampled(campaign, channel, rate, cutoff):
             if name == channel:
                 sections = signal.butter(2, cutoff, fs=held.sample_rate, output='sos')
                 start = signal.sosfilt_zi(sections) * values[0]
-                values = signal.sosfilt(sections, values, zi=start)[0]
+                if noise is None:
+                    values = signal.sosfilt(sections, values, zi=start)[0]
+                else:
+                    values = signal.sosfiltfilt(sections, values)
+                    values = values + noise * rng.standard_normal(values.size)
             every = round(held.sample_rate / rate)
             channels[name] = dataclasses.replace(
                 held, values=values[::every], sample_rate=held.sample_rate / every
@@ -86,6 +94,16 @@ def test_a_filter_above_half_the_sampling_rate_is_listed(make_campaign):
     filters = [r for r in answer.ranking if r.name == 'low_pass_filter']
     assert filters
     assert float(filters[0].parameters['cutoff'].value) == pytest.approx(1500.0, rel=0.3)
+
+
+@pytest.mark.slow
+def test_a_filter_without_a_phase_above_half_the_sampling_rate_is_found(make_campaign):
+    made = make_campaign(5, rate=20_000.0)
+    answer = explain(resampled(made, 'acceleration.plate', 5000.0, 2700.0, noise=0.08))
+    assert answer.accepted == ('low_pass_filter',)
+    found = answer.ranking[0].parameters
+    assert found['zero_phase'].value == 1.0
+    assert abs(found['cutoff'].value - 2700.0) < 3.0 * found['cutoff'].std
 
 
 @pytest.mark.parametrize('corner', [0.01, 0.5, 5.0])

@@ -38,6 +38,7 @@ KNOWN = 0.3  # share of the input's noise that the output knows, if it passes th
 SOME = 1e-6  # of the output's noise: in long recordings a hundredth matters
 CLEAR = 100.0  # times the noise: lines with signal
 FAINT = 1.6  # times the noise: where there is some signal
+MOST_INPUT = 0.9  # of the noise, that comes from the input at most
 WIDE = 41  # lines that tell whether there is signal
 NEIGHBOURS = 5  # lines of a spectrum, averaged
 LINE = 300.0  # times the noise: a line of a signal
@@ -127,11 +128,13 @@ class ChainNoise:
     def coloured(self, segment: Segment, colour: Colour, gain: float) -> Segment:
         """A recording where the noise of both ends, as this has it, is of one colour.
 
-        Filters act where the signal stands clear of that. What slow noise hides tells nothing.
+        Filters act where the signal stands clear of that. What slow noise hides tells nothing,
+        and where it is faint, the input's noise is no less than what its quiet bands have told.
         """
         noise = colour.power(np.linspace(0.0, 1.0, self.sensor.size)) * self.flat**2
         share = float(np.sum(self.input) / np.sum(self.input + self.output))
-        ends, drive = ChainNoise.of(segment, share / gain**2 * noise, (1.0 - share) * noise, gain)
+        into = np.minimum(np.maximum(share * noise, self.input), MOST_INPUT * noise)
+        ends, drive = ChainNoise.of(segment, into / gain**2, noise - into, gain)
         ends = dataclasses.replace(ends, rounding=self.rounding, flat=self.flat)
         return dataclasses.replace(segment, whitener=ends, drive=drive)
 
