@@ -10,6 +10,7 @@ from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.driven.findings.ranking import _among_forms, _no_surer, _other_delay
 from impactscope.discrepancy.driven.models.channel_effects import channel_terms
 from impactscope.discrepancy.driven.search.joint_fits import _looked_at
+from impactscope.discrepancy.driven.search.noise_limited_search import _form_of_delay
 from impactscope.discrepancy.driven.search.screening import Prospect, _near
 
 
@@ -121,3 +122,22 @@ def test_an_amount_is_no_surer_than_that_there_is_any():
     amount = ParameterEstimate(2.0, 0.01, 'N')
     assert _no_surer(amount, 25.0) == ParameterEstimate(2.0, 0.4, 'N')
     assert _no_surer(amount, 1e6) == amount
+
+
+@pytest.mark.parametrize(('by_gain', 'stays'), [(20.0, False), (500.0, True)])
+def test_a_gain_beside_a_far_stronger_delay_is_its_form(by_gain, stays):
+    """By how much a filter far above the signal weakens it hangs on its form."""
+    delay = Term('low_pass_filter')
+    gain = SimpleNamespace(name='wrong_parameter', label='gain', own=False)
+    both = SimpleNamespace(terms=(delay, gain))
+    fits = SimpleNamespace(
+        without=lambda _, rest: SimpleNamespace(terms=rest), polish=lambda made: made
+    )
+    judge = SimpleNamespace(
+        gain=lambda less, more: _shared(by_gain if gain not in less.terms else 10_000.0)
+    )
+    assert (_form_of_delay(fits, both, judge) is both) is stays
+
+
+def _shared(gain):
+    return SimpleNamespace(fitted=0.5 * gain, held_out=0.5 * gain)

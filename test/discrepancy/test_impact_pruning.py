@@ -33,6 +33,7 @@ def outcome_with(value: float, std: float) -> SimpleNamespace:
     return SimpleNamespace(
         accepted=[PUSH, wrong_number()],
         doubted=set(),
+        found=dict.fromkeys((PUSH.label, f'wrong {LOAD}')),
         final=final,
         baseline=SimpleNamespace(model=SimpleNamespace(free=())),
     )
@@ -55,3 +56,24 @@ def test_a_number_that_ends_as_it_was_stated_was_not_wrong(
     assert len(outcome.accepted) == left
     assert outcome.accepted[0] is PUSH
     assert (outcome.final == 'again') == (left == 1)
+
+
+def test_rivals_are_close_to_a_finding_as_it_was_weighed_beside_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Since then it may have been weighed in a longer window, where it gains far more."""
+    load = wrong_number()
+    beside, since = (SimpleNamespace(candidate=PUSH, criterion=c) for c in (4.0, -120.0))
+    rival = SimpleNamespace(candidate=load, criterion=5.0, fit=SimpleNamespace(values={}))
+    outcome = SimpleNamespace(
+        accepted=[PUSH],
+        found={PUSH.label: since},
+        rivals={PUSH.label: [rival]},
+        final=SimpleNamespace(values={}),
+    )
+    tried = SimpleNamespace(candidate=load, criterion=-118.0)
+    monkeypatch.setattr(pruning, '_instead', lambda *_: tried)
+    monkeypatch.setattr(pruning, '_relatives', lambda *_: [])
+    pruning._swap(outcome, PUSH, [], beside)
+    assert outcome.rivals[PUSH.label] == [tried]
+    assert outcome.accepted == [PUSH]

@@ -37,3 +37,15 @@ def test_of_a_push_that_stays_no_end_is_told(make_campaign):
     found = answer.findings[0].parameters
     assert abs(found['force'].value - 5.0) < 4.0 * found['force'].std < 1.0
     assert found['hold'].value > 1e3 or math.isnan(found['hold'].std)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', [3, 5])
+def test_a_faint_push_from_the_contact_on_is_no_wrong_weight(make_campaign, seed):
+    """Nearly all of it is re-tuned: a trial by simulation shows the bends of what does so."""
+    push = Effect('external_push', {'force': 0.035, 'start': 0.002, 'rise': 0.01})
+    answer = explain(make_campaign(seed, [push]))
+    assert answer.accepted == ('external_push',)
+    found = answer.ranking[0]
+    assert abs(found.parameters['force'].value - 0.035) < 3.0 * found.parameters['force'].std
+    assert set(found.confused_with) <= {'wrong_parameter'}

@@ -48,6 +48,20 @@ def test_both_are_looked_for_where_a_weight_is_implied(campaign):
     assert 'gravity_load.weight' not in fixed
 
 
+def test_a_load_that_nobody_has_stated_counts_as_the_push_that_it_is(campaign):
+    data = prepare(campaign)
+
+    def load(of):
+        offered = {c.parameter: c for c in wrong_numbers(baseline_model(of, data))}
+        return offered['gravity_load.added_weight']
+
+    plain, told = load(campaign), load(stated(campaign, added_weight=0.5))
+    assert plain.cost == 3
+    assert plain.doubt > 0.0
+    assert told.cost == 1
+    assert told.doubt == 0.0
+
+
 def test_another_weight_than_the_simulation_has_is_a_wrong_number(campaign):
     answer = explain(stated(campaign, added_weight=1.5))
     assert answer.accepted == ('wrong_parameter',)

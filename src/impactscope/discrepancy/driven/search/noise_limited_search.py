@@ -123,6 +123,7 @@ def noise_limited_search(
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
     best = plain_friction(fits, fits.polish(_pruned(fits, best, judge)), judge)
     best = _one_delay(fits, fits.polish(best), judge)
+    best = _form_of_delay(fits, best, judge)
     best = spring_of_position(fits, best, judge)
     if best is not baseline and not judge.better(baseline, best):
         best = baseline
@@ -234,6 +235,22 @@ def _one_delay(fits: Fits, best: Fit, judge: NoiseJudge) -> Fit:
     inside = _inside(one, best, fits.segments)
     slight = gain.fitted < FORM * whole or inside < judge.needed(gain)
     return fits.polish(one) if slight else best
+
+
+def _form_of_delay(fits: Fits, best: Fit, judge: NoiseJudge) -> Fit:
+    """The best model without a gain that only makes up for the form of a delay.
+
+    A filter far above the signal weakens it by next to nothing, and by how much hangs on its form.
+    """
+    gains = [t for t in best.terms if t.name == 'wrong_parameter' and not t.own]
+    delays = [t for t in best.terms if t.name in DELAYING]
+    if not gains or not delays:
+        return best
+    as_stated = fits.without(best, tuple(t for t in best.terms if t not in gains))
+    in_time = fits.without(best, tuple(t for t in best.terms if t not in delays))
+    by_gain, by_delay = judge.gain(as_stated, best), judge.gain(in_time, best)
+    slight = by_gain.fitted + by_gain.held_out < FORM * (by_delay.fitted + by_delay.held_out)
+    return fits.polish(as_stated) if slight else best
 
 
 def _inside(one: Fit, other: Fit, segments: Sequence[Segment]) -> float:

@@ -42,11 +42,13 @@ class Candidate:
     parameter: str = ''  # of the baseline, where that is what is wrong
     doubt: float = 0.0  # -2 log of its prior probability among its like
     fitted: tuple[int, ...] = ()  # recordings whose own numbers count, where it has such
+    implied: int = 0  # numbers of a law of which it is one case, that it holds
 
     @property
     def cost(self) -> int:
         """Number of further numbers of which nothing is known; at least one."""
-        return max(1, sum(f.prior is None and f.blow is None for f in self.free) + self._own)
+        free = sum(f.prior is None and f.blow is None for f in self.free)
+        return max(1, free + self._own) + self.implied
 
     @property
     def _own(self) -> int:

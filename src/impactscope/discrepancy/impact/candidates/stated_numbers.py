@@ -14,6 +14,8 @@ __all__ = ['wrong_numbers']
 
 _STATED = ('sensor.', 'damper.', 'pendulum.', 'mass_distance@', 'angle@')
 _STEEPEST = 89.0  # deg
+_OF_A_PUSH = 2  # numbers of a push that a load holds: it has begun, and has risen
+_NOT_STATED = 2.0  # doubt that a load that nobody has stated is meant
 
 
 def wrong_numbers(model: ImpactModel) -> Iterator[Candidate]:
@@ -92,7 +94,11 @@ def _exact_gains(model: ImpactModel) -> Iterator[Candidate]:
 
 
 def _other_weight(model: ImpactModel) -> Iterator[Candidate]:
-    """A weight that geometry or mass imply, and that is another: by a factor, or by a load."""
+    """A weight that geometry or mass imply, and that is another: by a factor, or by a load.
+
+    Where no load is stated none is stated wrongly, and a further one is a push that does not
+    change: it counts as one, and of two that explain as much it is the less likely.
+    """
     for active in model.effects:
         follows = any(
             math.isnan(value) and key.startswith((f'{active.tag}.force@', f'{active.tag}.stiff'))
@@ -102,12 +108,13 @@ def _other_weight(model: ImpactModel) -> Iterator[Candidate]:
             continue
         key = f'{active.tag}.{WEIGHT}'
         stated = model.constants.get(key, 1.0)
-        numbers = [(Free(key, stated, 0.02, 0.05, 20.0, logarithmic=True), 1.05 * stated)]
+        numbers = [(Free(key, stated, 0.02, 0.05, 20.0, logarithmic=True), 1.05 * stated, 0)]
         if active.name == 'gravity_load':
             key = f'{active.tag}.{ADDED_WEIGHT}'
             stated = model.constants.get(key, 0.0)
-            numbers.append((Free(key, stated, 0.1, -1e3, 1e3), stated + 0.1))
-        for number, tried in numbers:
+            implied = 0 if stated else _OF_A_PUSH
+            numbers.append((Free(key, stated, 0.1, -1e3, 1e3), stated + 0.1, implied))
+        for number, tried, implied in numbers:
             if number.key in {f.key for f in model.free}:
                 continue
             yield Candidate(
@@ -118,6 +125,8 @@ def _other_weight(model: ImpactModel) -> Iterator[Candidate]:
                 starts=({number.key: tried},),
                 amplitudes={number.key: number.start},
                 parameter=number.key,
+                implied=implied,
+                doubt=_NOT_STATED if implied else 0.0,
             )
 
 

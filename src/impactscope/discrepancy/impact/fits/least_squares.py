@@ -33,6 +33,7 @@ __all__ = [
     'projector',
     'settled',
     'stepping',
+    'weighted_median',
 ]
 
 Array = NDArray[np.float64]
@@ -191,10 +192,10 @@ def exact_slope(found: Fit, j: int, norm: float) -> Array | None:
             with contextlib.suppress(ImpactscopeError):
                 ways.append(_change(model, layout, x, found.residuals, j, way))
                 lengths.append(step)
-    return _weighted_median(np.stack(ways), np.array(lengths)) if ways else None
+    return weighted_median(np.stack(ways), np.array(lengths)) if ways else None
 
 
-def _weighted_median(rows: Array, weights: Array) -> Array:
+def weighted_median(rows: Array, weights: Array) -> Array:
     """Median over the first axis, shape (n_rows, n), rows of weights of shape (n_rows,).
 
     Midway between the two in the middle where the weights of either side are the same.

@@ -58,6 +58,7 @@ def prune(
         rest = [c for c in outcome.accepted if c is not candidate]
         kept = candidate.label in outcome.doubted
         idle = rest and not kept
+        beside = outcome.found[candidate.label]  # weighed as its rivals were
         if idle and (
             _as_stated(outcome.final, outcome.baseline.model, candidate)
             or not _needed(outcome, candidate, rest, thresholds, window)
@@ -65,7 +66,7 @@ def prune(
             outcome.accepted.remove(candidate)
             outcome.final = with_findings(outcome, rest, outcome.final.layout)
             continue
-        _swap(outcome, candidate, rest)
+        _swap(outcome, candidate, rest, beside)
     for candidate in tuple(outcome.accepted):  # others may have been swapped since
         rest = [c for c in outcome.accepted if c is not candidate]
         kept = candidate.label in outcome.doubted
@@ -111,13 +112,16 @@ def _needed(
     return False
 
 
-def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate]) -> None:
-    """Fit close rivals of a finding over the whole window, and let the best one stand."""
+def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate], beside: Found) -> None:
+    """Fit close rivals of a finding over the whole window, and let the best one stand.
+
+    ``beside``: the finding as it was weighed when its rivals were.
+    """
     mine = outcome.found[candidate.label]
     close = [
         r
         for r in outcome.rivals.get(candidate.label, [])
-        if r.criterion < mine.criterion + _CLOSE
+        if r.criterion < beside.criterion + _CLOSE
         and r.candidate.label not in {c.label for c in rest}
     ]
     refitted = []
@@ -157,7 +161,8 @@ def _instead(
         nearer = in_place_of(outcome.final, _model(outcome, rest), candidate)
         if nearer is not None and (other is None or nearer.chi_square < other.chi_square):
             other = nearer
-    if other is not None and other.chi_square > outcome.final.chi_square + _CLOSE:
+    kin = candidate.name in kin_of(mine.candidate)
+    if other is not None and (kin or other.chi_square > outcome.final.chi_square + _CLOSE):
         nearer = with_its_numbers(outcome.final, _model(outcome, rest), candidate)
         if nearer is not None and nearer.chi_square < other.chi_square:
             other = nearer

@@ -21,6 +21,7 @@ from impactscope.discrepancy.impact.fits.least_squares import (
     jacobian,
     projector,
     stepping,
+    weighted_median,
 )
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
 from impactscope.discrepancy.parallel import in_parallel
@@ -36,6 +37,8 @@ _NEAR = 1.15  # reduced chi-square up to which strong effects are out of the que
 _STARTS = 3  # of a candidate that are refined
 _MANY = 8  # starts of a candidate that are tried again in a longer window
 _STRONGEST = 30.0  # times the strength of a start, beyond which nothing is linear
+_RE_TUNED = 0.1  # of an effect, left of it, below which a trial says more of its bends
+_SLIGHT = (0.3, 1.0, 3.0)  # norms of the change by far weaker effects, that tell the slope
 _TOLD = 0.1  # s after the onset, from which a window tells them apart
 
 
@@ -167,8 +170,13 @@ class Screening:
             effect = float(np.linalg.norm(left - self.residual))
         if self.remembered is not None:
             self.remembered.weak[place] = dict(start)
+        one_sided = self._one_sided(candidate, start)
+        exact = self._slope(candidate, model, start, left, one_sided=one_sided)
+        if exact is not None:
+            left = self.residual + exact
+            gain = 0.0  # of the trial itself: mostly what it bends, and fits straighten that
         factor, linear = self._factor(left)
-        if factor < 0.0 and self._one_sided(candidate, start):
+        if factor < 0.0 and one_sided:
             gain, linear, x = min(gain, 0.0), -math.inf, self.vector(model, start)
         else:
             factor = float(np.clip(factor, -_STRONGEST, _STRONGEST))
@@ -180,8 +188,39 @@ class Screening:
             x,
             left - self.residual,
             dict(start),
-            self._one_sided(candidate, start),
+            one_sided,
         )
+
+    def _slope(
+        self,
+        candidate: Candidate,
+        model: ImpactModel,
+        start: Mapping[str, float],
+        left: Array,
+        *,
+        one_sided: bool,
+    ) -> Array | None:
+        """What cannot be re-tuned of an effect, in proportion to much weaker ones; at ``start``.
+
+        Where nearly all of an effect is re-tuned, what seems left of a trial is how the rest bends
+        under it, and the contacts that go to the other side. None where enough is left.
+        """
+        size = self.current.layout.size
+        try:
+            residuals = model.residuals(self.vector(model, start), self.current.layout)
+            felt = float(np.linalg.norm(residuals[:size] - self.current.residuals[:size]))
+            if float(np.linalg.norm(left - self.residual)) > _RE_TUNED * felt or felt == 0.0:
+                return None
+            rows, lengths = [], []
+            for share in _SLIGHT:
+                for way in (share / felt,) if one_sided else (share / felt, -share / felt):
+                    x = self.vector(model, stronger(candidate, start, way))
+                    changed = self._aligned(model, model.residuals(x, self.current.layout))
+                    rows.append((changed - self.current.residuals) / way)
+                    lengths.append(share)
+        except ImpactscopeError:
+            return None
+        return self._out(weighted_median(np.stack(rows), np.array(lengths)))
 
     def _factor(self, left: Array) -> tuple[float, float]:
         """By how much an effect must be scaled to fit best, and what it then gains; linear."""

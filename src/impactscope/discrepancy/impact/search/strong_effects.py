@@ -23,6 +23,7 @@ from impactscope.discrepancy.impact.fits.growing_windows import begun, fit_basel
 from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, fit
 from impactscope.discrepancy.impact.fits.start_values import cold_starts, placed
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel, Layout
+from impactscope.discrepancy.impact.models.bench_parameters import ADDED_WEIGHT
 from impactscope.discrepancy.impact.search.outcome import QUIET
 from impactscope.discrepancy.impact.search.screening import Screening, Trial
 from impactscope.discrepancy.parallel import in_parallel
@@ -333,6 +334,9 @@ def _of_same_unit(
             value = known.get(f'{effect.tag}.{parameter.name}')
             if value is not None and math.isfinite(value):
                 there.setdefault(parameter.unit, []).append(value)
+        load = known.get(f'{effect.tag}.{ADDED_WEIGHT}', 0.0)
+        if load:
+            there.setdefault('N', []).append(load)
     units = {f'{candidate.name}.{p.name}': p.unit for p in mechanism(candidate.name).parameters}
     defaults = dict(candidate.starts[0])
     lists = [
