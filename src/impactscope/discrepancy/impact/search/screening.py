@@ -171,7 +171,8 @@ class Screening:
         if self.remembered is not None:
             self.remembered.weak[place] = dict(start)
         one_sided = self._one_sided(candidate, start)
-        exact = self._slope(candidate, model, start, left, one_sided=one_sided)
+        near = self.current.reduced < _NEAR
+        exact = self._slope(candidate, model, start, left, one_sided) if near else None
         if exact is not None:
             left = self.residual + exact
             gain = 0.0  # of the trial itself: mostly what it bends, and fits straighten that
@@ -197,7 +198,6 @@ class Screening:
         model: ImpactModel,
         start: Mapping[str, float],
         left: Array,
-        *,
         one_sided: bool,
     ) -> Array | None:
         """What cannot be re-tuned of an effect, in proportion to much weaker ones; at ``start``.
