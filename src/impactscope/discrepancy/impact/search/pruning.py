@@ -161,8 +161,8 @@ def _instead(
         nearer = in_place_of(outcome.final, _model(outcome, rest), candidate)
         if nearer is not None and (other is None or nearer.chi_square < other.chi_square):
             other = nearer
-    kin = candidate.name in kin_of(mine.candidate)
-    if other is not None and (kin or other.chi_square > outcome.final.chi_square + _CLOSE):
+    same = bool(mine.candidate.parameter) and candidate.name in kin_of(mine.candidate)
+    if other is not None and (same or other.chi_square > outcome.final.chi_square + _CLOSE):
         nearer = with_its_numbers(outcome.final, _model(outcome, rest), candidate)
         if nearer is not None and nearer.chi_square < other.chi_square:
             other = nearer
