@@ -41,7 +41,7 @@ _LONGEST_RATIO = 200.0  # Tc/Tn beyond which no requirement is looked for
 def _sine_from_rest(t: Array, omega: float, w: float, zeta: float) -> tuple[Array, Array]:
     """Reading and its rate, from rest, of the force sin(omega t) that begins at time 0."""
     on = t > 0
-    if zeta == 0 and abs(omega - w) < 1e-7 * w:  # resonance without damping: the limit itself
+    if math.hypot(omega / w - 1.0, zeta) < 1e-7:  # resonance without damping: the limit itself
         x = 0.5 * (np.sin(w * t) - w * t * np.cos(w * t))
         return np.where(on, x, 0.0), np.where(on, 0.5 * w * w * t * np.sin(w * t), 0.0)
     response = 1 / complex(1 - (omega / w) ** 2, 2 * zeta * omega / w)
@@ -113,7 +113,8 @@ def _peak_ratio(zeta: float, ratio: float) -> float:
     x, v = _half_sine(t, ratio, w, zeta)
     i = int(np.argmax(x))
     best = float(x[i])
-    if 0 < i < t.size - 1:  # polish: the peak is where the rate passes zero
+    if i > 0:  # polish: the peak is where the rate passes zero, in the last step, too
+        last = t[min(i + 1, t.size - 1)]
         top = t[i : i + 1]
         for _ in range(3):
             xs, vs = _half_sine(top, ratio, w, zeta)
@@ -121,7 +122,7 @@ def _peak_ratio(zeta: float, ratio: float) -> float:
             pull = w * w * (math.sin(math.pi * float(top[0]) / ratio) - xs) - 2 * zeta * w * vs
             if not pull[0] < 0:
                 break
-            top = np.clip(top - vs / pull, t[i - 1], t[i + 1])
+            top = np.clip(top - vs / pull, t[i - 1], last)
     if v[-1] > 0:  # still rising when the force ends: the peak comes in the free motion
         best = max(best, _free_peak(float(x[-1]), float(v[-1]), w, zeta))
     return best
