@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from impactscope.proof.conditions import draw_scenario
 from impactscope.proof.detectability import Freedom
 from impactscope.proof.draw import KINDS, solve_strength
 from impactscope.proof.effects import effect
-from impactscope.proof.generate import _tolerated
 from impactscope.proof.marking import mark
 from impactscope.proof.measurement import _filtered, measure, noise_free
 from impactscope.proof.noise import (
@@ -185,14 +183,3 @@ def test_a_filter_beyond_half_the_rate_lets_everything_pass():
     assert _filtered(signal, chain, 10_000.0) is not signal
     np.testing.assert_allclose(_filtered(signal, chain, 10_000.0), signal)
     assert np.max(np.abs(_filtered(signal, chain, 40_000.0) - signal)) > 0.1
-
-
-@pytest.mark.parametrize(('detectability', 'tolerated'), [(0.6, ['saturation']), (1.4, [])])
-def test_a_limit_that_hides_nothing_may_be_named(detectability, tolerated):
-    """It may hide much of a hammer's pulse, which is tuned anyway, or of what is held out."""
-    part = SimpleNamespace(name='saturation', detectability=detectability)
-    concealed = SimpleNamespace(parts=[part], truth=SimpleNamespace(colours={}))
-    assert _tolerated(concealed) == tolerated
-    other = SimpleNamespace(name='offset', detectability=detectability)
-    concealed = SimpleNamespace(parts=[other], truth=SimpleNamespace(colours={}))
-    assert _tolerated(concealed) == []

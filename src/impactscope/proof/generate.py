@@ -107,21 +107,14 @@ def answer_of(concealed: Concealed) -> dict[str, Any]:
         },
         'prediction_limit': prediction_limit(concealed.truth),
         'colours': {n: c._asdict() for n, c in concealed.truth.colours.items()},
-        'tolerated': _tolerated(concealed),
+        'tolerated': ['quantisation'] if _with_steps(concealed) else [],
         'evidence': evidence_map(concealed) if concealed.detectability >= 1 else {},
     }
 
 
-def _tolerated(concealed: Concealed) -> list[str]:
-    """What is there and may be named or not: neither is wrong.
-
-    A converter's steps as a part of the noise; and a limit that hides no more than re-tuning does,
-    as in the pulse of a hammer that nobody knows, or in a recording that is held out: the samples
-    that stand at it show it.
-    """
-    steps = any(c.step for c in concealed.truth.colours.values())
-    weak = any(p.name == 'saturation' and p.detectability < 1.0 for p in concealed.parts)
-    return ['quantisation'] * steps + ['saturation'] * weak
+def _with_steps(concealed: Concealed) -> bool:
+    """Whether a converter's steps are part of the noise: to name them is no finding."""
+    return any(c.step for c in concealed.truth.colours.values())
 
 
 def _one(

@@ -18,7 +18,8 @@ __all__ = ['chain_candidates', 'delays_like', 'of_several']
 _FILTERS = ((1, 0), (2, 0), (4, 0), (1, 1), (2, 1), (4, 1))  # order, zero phase, tried at first
 _ALL_FILTERS = tuple((order, zero_phase) for zero_phase in (0, 1) for order in (1, 2, 3, 4))
 _ORDER_AHEAD = 2  # of a filter before sampling, tried at first
-_AHEAD = {0: (0.25, 0.7, 2.0), 1: (0.5, 1.0)}  # its cut-offs to start from, of the sampling rate
+# its cut-offs to start from, of the sampling rate, by whether it is without a phase
+_AHEAD = {0: (0.25, 0.7, 2.0), 1: (0.5, 1.0)}
 _FAR = 100.0  # of the sampling rate, above which a filter does nothing that is seen
 _ORDER_DOUBT = 2.0  # for each order of a filter: the lowest that explains as much stands
 _DELAYS = {1: 1.0, 2: 1.4142, 3: 2.0, 4: 2.6131}  # of a Butterworth filter, over 1 / (2 pi cutoff)
