@@ -1,21 +1,37 @@
-"""When held-out recordings contradict a finding."""
+"""When held-out recordings contradict a finding, or speak for another one."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
 
 from impactscope.discrepancy.evidence import Thresholds
 from impactscope.discrepancy.impact.search import held_out
+from impactscope.discrepancy.impact.search.outcome import Found
+
+
+def candidate_of(name):
+    return SimpleNamespace(label=name, free=(SimpleNamespace(key=f'{name}.force'),))
+
+
+def found_of(candidate, criterion, refused=False, size=100):
+    model = SimpleNamespace(data=SimpleNamespace(held_out=()), free=candidate.free)
+    fit = SimpleNamespace(chi_square=100.0, model=model, layout=SimpleNamespace(size=size))
+    return Found(candidate, fit, -criterion, 0.0, criterion, refused)
 
 
 def outcome_of(gained):
     """A finding that lowers chi-square of the fitted recordings by ``gained``."""
-    model = SimpleNamespace(data=SimpleNamespace(held_out=()))
+    model = SimpleNamespace(data=SimpleNamespace(held_out=()), free=())
     layout = SimpleNamespace(size=100)
+    friction = candidate_of('coulomb_friction')
     return SimpleNamespace(
         baseline=SimpleNamespace(chi_square=100.0 + gained, model=model, layout=layout),
         final=SimpleNamespace(chi_square=100.0, model=model, layout=layout),
-        accepted=[SimpleNamespace(label='coulomb_friction')],
+        accepted=[friction],
+        found={'coulomb_friction': found_of(friction, -40.0)},
+        rivals={},
+        modes=[],
         last=[],
         notes=[],
         tests=None,
@@ -41,3 +57,50 @@ def test_a_finding_stands_unless_predictions_get_worse(monkeypatch, gained, wors
     assert bool(outcome.accepted) is stands
     assert (outcome.final is outcome.baseline) is not stands
     assert any('contradict' in note for note in outcome.notes) is not stands
+
+
+@pytest.mark.parametrize(
+    ('behind', 'worse', 'takes_its_place'),
+    [
+        (1.0, -5.0, True),
+        (1.0, -0.5, False),
+        (1.0, 5.0, False),
+        (-1.0, 0.0, True),  # found to fit better after all
+        (50.0, -60.0, False),  # too far behind to be looked at
+    ],
+)
+def test_what_predicts_better_takes_the_place_of_what_explains_as_much(
+    monkeypatch, behind, worse, takes_its_place
+):
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: SimpleNamespace(reduced=1.0))
+    outcome = outcome_of(50.0)
+    mine, rival = outcome.accepted[0], found_of(candidate_of('hysteresis'), behind - 40.0)
+    outcome.rivals['coulomb_friction'] = [rival]
+
+    def further(_before, after):
+        return worse if after[0] is rival.fit else 0.0
+
+    monkeypatch.setattr(held_out, 'further_misfit', further)
+    held_out.check_held_out(outcome, Thresholds(), 3)
+    assert (outcome.accepted == [rival.candidate]) is takes_its_place
+    (best,) = outcome.accepted
+    others = outcome.rivals[best.label]
+    assert [f.candidate for f in others] == [mine if takes_its_place else rival.candidate]
+    if takes_its_place:
+        assert outcome.final is rival.fit
+        assert outcome.found[best.label].criterion == behind - 40.0 + worse
+    elif behind < 10.0:
+        assert math.isclose(others[0].criterion, behind - 40.0 + worse)
+
+
+@pytest.mark.parametrize('bad', [{'refused': True}, {'size': 50}])
+def test_what_cannot_be_compared_takes_no_place(monkeypatch, bad):
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: SimpleNamespace(reduced=1.0))
+    outcome = outcome_of(50.0)
+    rival = found_of(candidate_of('hysteresis'), -41.0, **bad)
+    outcome.rivals['coulomb_friction'] = [rival]
+    monkeypatch.setattr(
+        held_out, 'further_misfit', lambda _, after: -9.0 if after[0] is rival.fit else 0.0
+    )
+    held_out.check_held_out(outcome, Thresholds(), 3)
+    assert [c.label for c in outcome.accepted] == ['coulomb_friction']

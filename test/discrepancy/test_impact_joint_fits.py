@@ -5,10 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from impactscope.discrepancy.evidence import Thresholds
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
-from impactscope.discrepancy.impact.fits.least_squares import fit
+from impactscope.discrepancy.impact.fits.least_squares import at_point, fit, settled
 from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.discrepancy.impact.search.joint_fits import JointFits
 from impactscope.discrepancy.impact.search.outcome import weigh
@@ -45,6 +46,17 @@ def test_neither_what_chance_gives_nor_what_was_fitted_is_fitted_again(windows):
     assert JointFits._with_suspected(whole, [], [by_chance], 40) == []
     doubtful = dataclasses.replace(before, p_value=0.01)
     assert JointFits._with_suspected(whole, [before], [doubtful], 40) == [before]
+
+
+def test_what_the_baseline_had_not_reached_is_gained_by_nobody(windows):
+    whole, _ = windows
+    short = fit(whole.model, whole.model.layout(whole.layout.blows, 0.02), whole.x)
+    bottom = settled(short)
+    aside = at_point(bottom.model, bottom.layout, bottom.x + 2.0 * bottom.covariance_root()[:, -1])
+    assert aside.chi_square > bottom.chi_square + 3.0
+    found, _, without = JointFits((), Thresholds(), window=0.02).step(aside, most=1)
+    assert without.chi_square == pytest.approx(bottom.chi_square, abs=0.1)
+    assert all(f.gain < bottom.chi_square - f.fit.chi_square + 0.2 for f in found)
 
 
 @pytest.fixture(scope='module')

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from impactscope.discrepancy.impact.fits.least_squares import (
+    Fit,
     _within,
     at_point,
     exact_slopes,
@@ -98,6 +99,21 @@ def test_a_settled_fit_is_at_the_bottom_of_its_minimum():
     design = np.stack([bounce.a, bounce.b], axis=1)
     assert best.x == pytest.approx(np.linalg.lstsq(design, bounce.noise, rcond=None)[0])
     assert best.chi_square < start.chi_square
+
+
+@given(seed=st.integers(0, 2**31), unit=st.floats(-9.0, 9.0))
+def test_the_root_of_the_covariance_knows_numbers_in_any_unit(seed, unit):
+    rng = np.random.default_rng(seed)
+    slopes = rng.standard_normal((40, 3)) * [1.0, 10.0**unit, 10.0**-unit]
+    left = rng.standard_normal(40)
+    left *= 3.0 / np.linalg.norm(left)  # no more than noise
+    found = Fit(Bounce(0.0, 1.0), LAYOUT, np.zeros(3), left, 9.0, converged=True, slopes=slopes)
+    root = found.covariance_root()
+    assert np.allclose((slopes @ root).T @ (slopes @ root), np.eye(3), atol=1e-6)
+    some = found.covariance_root([2, 0])
+    wanted = found.covariance()[np.ix_([2, 0], [2, 0])]
+    size = np.sqrt(np.diag(wanted))
+    assert np.allclose(some @ some.T / np.outer(size, size), wanted / np.outer(size, size))
 
 
 def test_what_one_fit_learns_of_a_model_changes_no_other(bounce):

@@ -25,6 +25,7 @@ from impactscope.discrepancy.driven.fits.friction_jumps import (
     may_jump,
     steady_slope,
 )
+from impactscope.discrepancy.driven.fits.prediction_uncertainty import excused
 from impactscope.discrepancy.driven.fits.recordings_in_parallel import by_recording
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
@@ -70,6 +71,8 @@ class Fit:
     cost: float = 0.0  # sum of squares as the fit counts it
     own: int = 0  # of the added numbers those that single recordings have of their own
     covariance: Array | None = None  # of the shared numbers, in the order of ``values``
+    # by which the deviance of held-out recordings falls as the numbers are not known for certain
+    excused: float = 0.0
 
     def variance_along(self, slopes: Mapping[str, float]) -> float:
         """Variance of a quantity by its slopes by shared numbers; nan where none is known."""
@@ -302,6 +305,36 @@ def fit(
         residuals.append(error(values, begin, i))
     left = np.concatenate([weights[i] * counted(model, residuals[i], segments[i]) for i in fitted])
     spread = _scatter(slopes, left, white=known)
+
+    def forgiven() -> float:
+        """What the uncertainty of the numbers excuses of the held-out recordings' misfit."""
+        whole = theta
+        for i in held_out:
+            scale = np.array([n.scale for n in own[i]])
+            place[i] = slice(whole.size, whole.size + len(own[i]))
+            whole = np.concatenate([whole, begins[i] / scale])
+            lower.extend(n.lower / n.scale for n in own[i])
+            upper.extend(n.upper / n.scale for n in own[i])
+
+        def rows_of(i: int) -> tuple[Array, Array, Array]:
+            here = left_of(values, begins[i], i)
+            chosen = [*range(first), *range(place[i].start, place[i].stop)]
+            columns = np.empty((here.size, len(chosen)))
+            for column, j in enumerate(chosen):
+                if jumps:
+                    columns[:, column] = steady(whole, j, i)
+                    continue
+                moved = whole.copy()
+                moved[j] += STEP
+                there = left_of(values_of(moved), start_of(moved, i), i)
+                columns[:, column] = (there - here) / STEP
+            unit = math.sqrt(total)
+            return unit * here, unit * columns[:, :first], unit * columns[:, first:]
+
+        return excused(math.sqrt(total) * slopes, first, [rows_of(i) for i in held_out])
+
+    held_out = [i for i in range(len(segments)) if i not in place]
+    mercy = forgiven() if known and held_out and first else 0.0
     scale = np.array([n.scale for _, n in shared])
     covariance = spread[:first, :first] * np.outer(scale, scale)
     std = {k: math.sqrt(max(float(covariance[j, j]), 0.0)) for j, (k, _) in enumerate(shared)}
@@ -318,6 +351,7 @@ def fit(
         cost=float(left @ left),
         own=mine,
         covariance=covariance,
+        excused=mercy,
     )
 
 

@@ -146,14 +146,13 @@ def _by_other_ways(short: Fit, found: Fit) -> Fit:
     Where the first contacts tell a number only roughly, the moments of later bounces have several
     minima, and the nearest one need not be the right one.
     """
-    power, vectors = np.linalg.eigh(short.covariance())
-    reach = vectors * np.sqrt(np.maximum(power, 0.0))
+    reach = short.covariance_root()
     lower, upper = short.model.bounds()
     rng = np.random.default_rng(0)
     for _ in range(_WAYS):
         if not time_left('other starts of the baseline'):
             break
-        step = _FAR * (reach @ rng.standard_normal(power.size))
+        step = _FAR * (reach @ rng.standard_normal(short.x.size))
         both = [np.clip(x, lower, upper) for x in (short.x + step, short.x - step)]
         for other in in_parallel(lambda x: _followed_from(short, x), both):
             if other is not None:
@@ -297,8 +296,7 @@ def _surprise(found: Fit, predicted: Fit, weight: Array) -> float:
     own = projector(weight[:, None] * predicted.jacobian[: layout.size])
     left = weight * residuals[: layout.size]
     left = left - own @ (own.T @ left)
-    power, vectors = np.linalg.eigh(found.covariance()[np.ix_(shared, shared)])
-    reach = weight[:, None] * (slopes @ (vectors * np.sqrt(np.maximum(power, 0.0))))
+    reach = weight[:, None] * (slopes @ found.covariance_root(shared))
     reach = reach - own @ (own.T @ reach)
     along = reach.T @ left
     inner = np.eye(along.size) + reach.T @ reach

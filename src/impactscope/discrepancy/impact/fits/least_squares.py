@@ -96,6 +96,18 @@ class Fit:
         result[np.ix_(known, known)] = inverse * max(1.0, self.reduced)
         return result
 
+    def covariance_root(self, only: Sequence[int] | None = None) -> Array:
+        """A root R of the covariance C of some numbers, or of all: R R' = C, shape (n, n).
+
+        By way of their correlation: a number in a large unit would leave no digits to the others.
+        """
+        chosen = list(range(self.x.size)) if only is None else list(only)
+        covariance = self.covariance()[np.ix_(chosen, chosen)]
+        size = np.sqrt(np.diag(covariance))
+        known = np.where(size > 0.0, size, 1.0)
+        power, vectors = np.linalg.eigh(covariance / np.outer(known, known))
+        return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(power, 0.0)))
+
     def std(self, key: str) -> float:
         """Standard uncertainty of a free number in its own unit; 0 for a constant."""
         keys = [f.key for f in self.model.free]

@@ -1,4 +1,4 @@
-"""Held-out recordings: they may confirm a finding, or contradict it."""
+"""Held-out recordings: they confirm a finding, contradict it, or speak for another one."""
 
 from __future__ import annotations
 
@@ -6,13 +6,16 @@ import dataclasses
 
 from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
 from impactscope.discrepancy.impact.fits.growing_windows import further_misfit, held_out_fit
-from impactscope.discrepancy.impact.search.outcome import Outcome, with_findings
+from impactscope.discrepancy.impact.fits.least_squares import Fit
+from impactscope.discrepancy.impact.search.outcome import Found, Outcome, with_findings
 from impactscope.discrepancy.time_limit import time_left
 
 __all__ = ['check_held_out']
 
 _NOT_QUITE = 0.03  # share of what findings gain in the fitted recordings
 _CONFIRMED = 4  # candidates that are held against the held-out recordings
+_OPEN = 10.0  # of the criterion, within which they decide between a finding and its rivals
+_RIVALS = 3  # of a finding, that are held against them
 
 
 def check_held_out(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
@@ -25,6 +28,13 @@ def check_held_out(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
     if outcome.held_out_final is None:
         return
     _confirm(outcome, thresholds, most)
+    _drop_contradicted(outcome, thresholds)
+    _weigh_rivals(outcome)
+
+
+def _drop_contradicted(outcome: Outcome, thresholds: Thresholds) -> None:
+    """Take findings back, the last first, until the held-out recordings are not missed further."""
+    held_out = outcome.final.model.data.held_out
     while outcome.accepted:
         before, after = outcome.held_out_baseline, outcome.held_out_final
         if before is None or after is None:
@@ -46,6 +56,44 @@ def check_held_out(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
             outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
         else:
             outcome.final, outcome.held_out_final = outcome.baseline, before
+
+
+def _weigh_rivals(outcome: Outcome) -> None:
+    """Weigh the last finding and its rivals by the held-out recordings, too.
+
+    Of two that explain the fitted ones about alike, what predicts the others better is likelier.
+    """
+    if not outcome.accepted or outcome.held_out_final is None:
+        return
+    candidate = outcome.accepted[-1]
+    mine, rivals = outcome.found[candidate.label], outcome.rivals.get(candidate.label, [])
+    own = {f.key for f in candidate.free}
+    beside = {f.key for f in outcome.final.model.free} - own
+    weighed: dict[int, tuple[Found, Fit]] = {}
+    for i, rival in sorted(enumerate(rivals), key=lambda pair: pair[1].criterion):
+        same = rival.fit.layout.size == outcome.final.layout.size
+        if rival.refused or not same or not beside <= {f.key for f in rival.fit.model.free}:
+            continue
+        near = rival.criterion < mine.criterion + _OPEN and len(weighed) < _RIVALS
+        if not near or not time_left('rivals by what they predict'):
+            break
+        predicted = held_out_fit(rival.fit, outcome.final.model.data.held_out, outcome.window)
+        if predicted is None:
+            continue
+        worse = further_misfit((outcome.final, outcome.held_out_final), (rival.fit, predicted))
+        criterion = rival.criterion + worse / max(1.0, predicted.reduced)
+        weighed[i] = dataclasses.replace(rival, criterion=criterion), predicted
+    known = [weighed[i][0] if i in weighed else rival for i, rival in enumerate(rivals)]
+    outcome.rivals[candidate.label] = known
+    better = [w for w in weighed.values() if w[0].criterion < mine.criterion]
+    if not better:
+        return
+    best, predicted = min(better, key=lambda pair: pair[0].criterion)
+    outcome.accepted[-1] = best.candidate
+    outcome.found[best.candidate.label] = best
+    outcome.rivals[best.candidate.label] = [mine, *(f for f in known if f is not best)]
+    outcome.final, outcome.held_out_final = best.fit, predicted
+    outcome.tests, outcome.modes = None, []
 
 
 def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:

@@ -20,7 +20,12 @@ from impactscope.discrepancy.evidence import Thresholds, least_gain
 from impactscope.discrepancy.impact.candidates.candidate import Candidate, stronger
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.candidates.channel_effects import delays_like
-from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, fit
+from impactscope.discrepancy.impact.fits.least_squares import (
+    Fit,
+    at_point,
+    fit,
+    settled,
+)
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
 from impactscope.discrepancy.impact.search.outcome import QUIET, Found, settled_without, weigh
 from impactscope.discrepancy.impact.search.returns import from_return
@@ -48,6 +53,7 @@ _FREQUENCIES = tuple(float(f) for f in np.geomspace(30.0, 600.0, 9))  # Hz
 _SHARES = tuple(float(s) for s in np.geomspace(1.0, 1e-3, 7))  # of an amount to begin with
 _BEARABLE = 10.0  # times the chi-square without it
 _JOINT = 6  # candidates that are fitted jointly in a step
+_KEPT = 0.6  # of what slopes promise, below which a fit has lost its way
 
 
 @dataclass(eq=False)
@@ -76,6 +82,10 @@ class JointFits:
         misfit is large, its numbers are closer to the truth than those that were bent to fit.
         ``suspected``: candidates that a shorter window has not borne out.
         """
+        if current.reduced < QUIET:
+            # what fitted numbers re-tune of a length is hundreds of times what is left of it, and
+            # what they have not reached yet would count as gained by whatever is added
+            current = settled(current)
         listed = candidates(current, self.baseline_names)
         place = current
         if sound is not None and sound.x.size == current.x.size and current.reduced > LOST:
@@ -85,8 +95,8 @@ class JointFits:
         found = self._with_suspected(current, found, suspected, len(listed))
         if current.reduced > LOST and not most:
             found = self._strong(current, place, found, listed)
-        found, settled = self._settle(current, found, len(listed))
-        return found, len(listed), settled
+        found, without = self._settle(current, found, len(listed))
+        return found, len(listed), without
 
     @staticmethod
     def _with_suspected(
@@ -204,6 +214,10 @@ class JointFits:
                 joint = fit(trial.model, current.layout, trial.x, settled=0.1, near=current)
             except ImpactscopeError:
                 continue
+            astray = current.chi_square - joint.chi_square < _KEPT * trial.gain
+            quiet = joint.reduced < QUIET and trial.gain > least
+            if astray and quiet and time_left('numbers that are hardly told apart'):
+                joint = settled(joint)
             if candidate.name == 'mains_hum' and not _everywhere(joint, current):
                 continue
             found.append(weigh(candidate, joint, current, looks))
