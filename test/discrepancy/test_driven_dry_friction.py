@@ -14,9 +14,9 @@ from impactscope.discrepancy.driven.fits.simulation_error import (
     Fit,
     beside_turns,
     fit,
-    numbers_of,
     steady_slope,
 )
+from impactscope.discrepancy.driven.fits.weighted_residuals import numbers_of
 from impactscope.discrepancy.driven.model_selection.chi_square import BETWEEN, NoiseJudge, slight
 from impactscope.discrepancy.driven.models.mechanical_effects import Sizes, mechanical_terms
 from impactscope.discrepancy.driven.models.model import Segment

@@ -18,7 +18,8 @@ from impactscope.discrepancy.driven.findings.figures import p_value_of, places, 
 from impactscope.discrepancy.driven.findings.free_swing import as_force, mass_of_free_swing
 from impactscope.discrepancy.driven.findings.ranking import STATED, modal_finding
 from impactscope.discrepancy.driven.findings.subject import Subject
-from impactscope.discrepancy.driven.fits.simulation_error import Fit, numbers_of
+from impactscope.discrepancy.driven.fits.simulation_error import Fit
+from impactscope.discrepancy.driven.fits.weighted_residuals import numbers_of
 from impactscope.discrepancy.driven.models.terms import Term, key
 
 __all__ = ['describe']

@@ -15,7 +15,8 @@ from scipy import stats
 
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import UnmodelledLaw, Verdict
 from impactscope.discrepancy.driven.fits.innovations import innovations
-from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit, numbers_of
+from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit
+from impactscope.discrepancy.driven.fits.weighted_residuals import numbers_of
 from impactscope.discrepancy.driven.model_selection.chi_square import slight
 from impactscope.discrepancy.driven.model_selection.model_comparison import counting_samples
 from impactscope.discrepancy.driven.models.model import Segment

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.driven.fits.friction_jumps import may_jump, steady_slope
 from impactscope.discrepancy.driven.fits.innovations import innovations
 from impactscope.discrepancy.driven.fits.recordings_in_parallel import by_recording
-from impactscope.discrepancy.driven.fits.simulation_error import Fit, numbers_of
+from impactscope.discrepancy.driven.fits.simulation_error import Fit
+from impactscope.discrepancy.driven.fits.weighted_residuals import numbers_of
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Term
 

@@ -16,39 +16,32 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 from scipy.optimize import least_squares
 
-from impactscope.discrepancy.driven.fits.friction_jumps import (
-    LEAP,
-    beside_turns,
-    may_jump,
-    steady_slope,
-)
 from impactscope.discrepancy.driven.fits.prediction_uncertainty import excused
-from impactscope.discrepancy.driven.fits.recordings_in_parallel import by_recording
+from impactscope.discrepancy.driven.fits.weighted_residuals import (
+    STEP,
+    WeightedResiduals,
+    channel_scales,
+    counted,
+    numbers_of,
+)
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
-from impactscope.discrepancy.driven.models.terms import Number, Term, key
+from impactscope.discrepancy.driven.models.terms import Term
 
 __all__ = [
     'FINE',
     'Fit',
-    'channel_scales',
-    'counted',
     'fit',
-    'numbers_of',
     'plainly_begun',
     'sensitivities',
 ]
 
 Array = NDArray[np.float64]
 
-STEP = 1e-4  # of a number's scale, for differences
-MEMORY = 0.1  # of a recording, beyond which accumulated errors are forgotten
 BLOCKS = 24  # of a recording, for the scatter of the estimates
 MOST_EVALUATIONS = 60
-FARTHEST = 1e9  # times a channel's spread: farther off is no worse
 FIRST_OF_A_SWING = (0.03, 0.1, 0.3, 1.0)  # shares of a recording, for its beginning alone
 ROUGH, FINE = 1e-4, 1e-8  # relative fall of the sum of squares at which a fit ends
 
@@ -86,60 +79,13 @@ class Fit:
         return float(np.sqrt(np.mean(self.residuals[segment] ** 2)))
 
 
-def channel_scales(segments: Sequence[Segment]) -> dict[str, float]:
-    """What one is measured by in each channel: its spread in the fitted recordings."""
-    scales: dict[str, float] = {}
-    for channel in {s.channel for s in segments}:
-        of_channel = [s for s in segments if s.channel == channel]
-        chosen = [s for s in of_channel if not s.held_out] or of_channel
-        spread = float(np.sqrt(np.mean(np.concatenate([s.measured for s in chosen]) ** 2)))
-        scales[channel] = spread if spread > 0.0 else 1.0
-    return scales
-
-
-def numbers_of(model: Model, terms: tuple[Term, ...]) -> list[tuple[str, Number]]:
-    """Key and number of everything shared in a model with these terms."""
-    found = [(n.name, n) for n in model.numbers]
-    return found + [(key(t, n), n) for t in terms for n in t.numbers]
-
-
-def _differences(
-    function: Callable[[Array], Array],
-    theta: Array,
-    at_theta: Array,
-    frozen: Array | None = None,
-) -> Array:
+def _differences(function: Callable[[Array], Array], theta: Array, at_theta: Array) -> Array:
     jacobian = np.empty((at_theta.size, theta.size))
-    known = 0 if frozen is None else frozen.shape[1]
-    if frozen is not None:
-        jacobian[:, :known] = frozen
-    for j in range(known, theta.size):
+    for j in range(theta.size):
         moved = theta.copy()
         moved[j] += STEP
         jacobian[:, j] = (function(moved) - at_theta) / STEP
     return jacobian
-
-
-def counted(model: Model, residual: Array, segment: Segment) -> Array:
-    """A residual as a fit counts it: whitened where the noise is known, else as it is.
-
-    Where errors of force accumulate, old ones are forgotten: the position of a mass without spring
-    walks off at random under every small error of the force; plain least squares would tune
-    friction to that walk. A first-order high-pass with a memory of a tenth of the recording makes
-    the walk nearly white (generalised least squares).
-    """
-    if segment.whitener is not None:
-        return segment.whitened(residual)
-    if not model.drifts:
-        return residual
-    keep = math.exp(-1.0 / (MEMORY * residual.size))
-    return np.asarray(signal.lfilter([1.0, -1.0], [1.0, -keep], residual), np.float64)
-
-
-def _bounded(value: float, number: Number) -> float:
-    margin = 1e-3 * number.scale
-    lower, upper = number.lower + margin, number.upper - margin
-    return float(min(max(value, lower), upper)) if lower < upper else value
 
 
 def fit(
@@ -165,125 +111,18 @@ def fit(
         slopes_of_first: derivatives of the residual as it counts by the first numbers, each over
             its scale, where they are known well enough; shape (n_samples, n_first).
     """
-    shared = numbers_of(model, terms)
-    own = [model.starts(s) for s in segments]
-    fitted = [i for i, s in enumerate(segments) if not s.held_out]
-    scales = channel_scales(segments)
-    total = sum(segments[i].measured.size for i in fitted)
-    known = all(s.whitener is not None for s in segments)
-    weights = [(1.0 if known else 1.0 / scales[s.channel]) / math.sqrt(total) for s in segments]
-
-    def beginning(i: int) -> Array:
-        if starts is not None and starts[i].size == len(own[i]):
-            return starts[i]
-        return np.array([n.starts[0] for n in own[i]])
-
+    problem = WeightedResiduals(model, terms, segments, initial, starts)
+    shared, fitted, total = problem.shared, problem.fitted, problem.total
     first = len(shared)
-    x0 = [_bounded(initial.get(k, n.starts[0]), n) / n.scale for k, n in shared]
-    lower = [n.lower / n.scale for _, n in shared]
-    upper = [n.upper / n.scale for _, n in shared]
-    place = {}
-    for i in fitted:
-        place[i] = slice(len(x0), len(x0) + len(own[i]))
-        for number, value in zip(own[i], beginning(i), strict=True):
-            x0.append(value / number.scale)
-            lower.append(number.lower / number.scale)
-            upper.append(number.upper / number.scale)
-
-    ends = np.cumsum([segments[i].measured.size for i in fitted])
-    rows = {
-        i: slice(int(end) - segments[i].measured.size, int(end))
-        for i, end in zip(fitted, ends, strict=True)
-    }
-
-    jumps = may_jump(terms, segments)
-
-    def values_of(theta: Array) -> dict[str, float]:
-        return {k: float(theta[j] * n.scale) for j, (k, n) in enumerate(shared)}
-
-    def start_of(theta: Array, i: int) -> Array:
-        return np.asarray(theta[place[i]] * np.array([n.scale for n in own[i]]), np.float64)
-
-    def error(values: Mapping[str, float], begin: Array, i: int) -> Array:
-        segment = segments[i]
-        predicted = model.predict(values, terms, begin, segment)
-        left = segment.measured - predicted
-        if jumps and known and segment.derivative == 2:
-            _, speed = model.motion(values, terms, begin, segment)
-            left = beside_turns(left, predicted, speed, LEAP * segment.noise)
-        most = FARTHEST * scales[segment.channel]
-        # a model that runs away is far off: finite, so that the fit turns back
-        bounded = np.nan_to_num(left, nan=most, posinf=most, neginf=-most)
-        return np.asarray(np.clip(bounded, -most, most))
-
-    def left_of(values: Mapping[str, float], begin: Array, i: int) -> Array:
-        return weights[i] * counted(model, error(values, begin, i), segments[i])
-
-    def steady(theta: Array, j: int, i: int) -> Array:
-        """Slope of one recording's residual as it counts, but for samples that jump."""
-        here = error(values_of(theta), start_of(theta, i), i)
-        ways = []
-        for step in (STEP, -STEP):
-            moved = theta.copy()
-            moved[j] += step
-            if lower[j] <= moved[j] <= upper[j]:
-                ways.append((error(values_of(moved), start_of(moved, i), i) - here) / step)
-        return weights[i] * counted(model, steady_slope(ways), segments[i])
-
-    last: list[tuple[Array, Array]] = []
-
-    def residual(theta: Array) -> Array:
-        values = values_of(theta)
-
-        def part(i: int) -> Array:
-            return left_of(values, start_of(theta, i), i)
-
-        whole = np.concatenate(by_recording(part, fitted, segments))
-        last[:] = [*last[-2:], (theta.copy(), whole)]
-        return whole
-
-    def jacobian(theta: Array) -> Array:
-        made = next((r for t, r in last if np.array_equal(t, theta)), None)
-        at_theta = residual(theta) if made is None else made
-        slopes = np.zeros((at_theta.size, theta.size))
-        if jumps:
-            given = 0 if frozen is None else frozen.shape[1]
-            if frozen is not None:
-                slopes[:, :given] = frozen
-            for j in range(given, first):
-                parts = by_recording(partial(steady, theta, j), fitted, segments)
-                slopes[:, j] = np.concatenate(parts)
-        else:
-            slopes[:, :first] = _differences(
-                lambda q: residual(np.concatenate([q, theta[first:]])),
-                theta[:first],
-                at_theta,
-                frozen,
-            )
-        values = values_of(theta)
-
-        def own_columns(i: int) -> None:
-            for j in range(place[i].start, place[i].stop):
-                if jumps:
-                    slopes[rows[i], j] = steady(theta, j, i)
-                    continue
-                moved = theta.copy()
-                moved[j] += STEP
-                left = left_of(values, start_of(moved, i), i)
-                slopes[rows[i], j] = (left - at_theta[rows[i]]) / STEP
-
-        by_recording(own_columns, fitted, segments)
-        return slopes
-
-    theta = np.array(x0)
+    theta = problem.begin
     frozen = None if slopes_of_first is None else slopes_of_first / math.sqrt(total)
     spent = 0
     if theta.size:
         solution = least_squares(
-            residual,
+            problem.residual,
             theta,
-            jacobian,
-            bounds=(np.array(lower), np.array(upper)),
+            partial(problem.jacobian, first=frozen),
+            bounds=(problem.lower, problem.upper),
             x_scale='jac',
             max_nfev=evaluations,
             ftol=tolerance,
@@ -293,48 +132,19 @@ def fit(
         theta, slopes, spent = solution.x, solution.jac, int(solution.nfev)
     else:
         slopes = np.zeros((total, 0))
-    values = values_of(theta)
+    values = problem.values(theta)
     begins: list[Array] = []
     residuals: list[Array] = []
     for i, segment in enumerate(segments):
-        if i in place:
-            begin = start_of(theta, i)
+        if segment.held_out:
+            begin, weight = problem.beginning(i), problem.weights[i]
+            begin = _own_beginning(model, terms, values, segment, begin, weight)
         else:
-            begin = _own_beginning(model, terms, values, segment, beginning(i), weights[i])
+            begin = problem.start(theta, i)
         begins.append(begin)
-        residuals.append(error(values, begin, i))
-    left = np.concatenate([weights[i] * counted(model, residuals[i], segments[i]) for i in fitted])
-    spread = _scatter(slopes, left, white=known)
-
-    def forgiven() -> float:
-        """What the uncertainty of the numbers excuses of the held-out recordings' misfit."""
-        whole = theta
-        for i in held_out:
-            scale = np.array([n.scale for n in own[i]])
-            place[i] = slice(whole.size, whole.size + len(own[i]))
-            whole = np.concatenate([whole, begins[i] / scale])
-            lower.extend(n.lower / n.scale for n in own[i])
-            upper.extend(n.upper / n.scale for n in own[i])
-
-        def rows_of(i: int) -> tuple[Array, Array, Array]:
-            here = left_of(values, begins[i], i)
-            chosen = [*range(first), *range(place[i].start, place[i].stop)]
-            columns = np.empty((here.size, len(chosen)))
-            for column, j in enumerate(chosen):
-                if jumps:
-                    columns[:, column] = steady(whole, j, i)
-                    continue
-                moved = whole.copy()
-                moved[j] += STEP
-                there = left_of(values_of(moved), start_of(moved, i), i)
-                columns[:, column] = (there - here) / STEP
-            unit = math.sqrt(total)
-            return unit * here, unit * columns[:, :first], unit * columns[:, first:]
-
-        return excused(math.sqrt(total) * slopes, first, [rows_of(i) for i in held_out])
-
-    held_out = [i for i in range(len(segments)) if i not in place]
-    mercy = forgiven() if known and held_out and first else 0.0
+        residuals.append(problem.error(values, begin, i))
+    left = np.concatenate([problem.weighted(residuals[i], i) for i in fitted])
+    spread = _scatter(slopes, left, white=problem.known)
     scale = np.array([n.scale for _, n in shared])
     covariance = spread[:first, :first] * np.outer(scale, scale)
     std = {k: math.sqrt(max(float(covariance[j, j]), 0.0)) for j, (k, _) in enumerate(shared)}
@@ -351,8 +161,20 @@ def fit(
         cost=float(left @ left),
         own=mine,
         covariance=covariance,
-        excused=mercy,
+        excused=_excused(problem, theta, slopes, begins) if problem.known and first else 0.0,
     )
+
+
+def _excused(
+    problem: WeightedResiduals, theta: Array, slopes: Array, begins: Sequence[Array]
+) -> float:
+    """What the uncertainty of the numbers excuses of the misfit of held-out recordings."""
+    held_out = [i for i, s in enumerate(problem.segments) if s.held_out]
+    for i in held_out:
+        theta = problem.with_beginning(theta, i, begins[i])
+    unit = math.sqrt(problem.total)  # residuals in units of their noise
+    parts = [[unit * part for part in problem.linearised(theta, i)] for i in held_out]
+    return excused(unit * slopes, len(problem.shared), [(r, s, o) for r, s, o in parts])
 
 
 def _own_beginning(

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.fits.innovations import innovations
 from impactscope.discrepancy.driven.fits.linearisation import linearised
-from impactscope.discrepancy.driven.fits.simulation_error import Fit, fit, numbers_of
+from impactscope.discrepancy.driven.fits.simulation_error import Fit, fit
+from impactscope.discrepancy.driven.fits.weighted_residuals import numbers_of
 from impactscope.discrepancy.driven.models.measuring_chain import filter_of
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Term, key

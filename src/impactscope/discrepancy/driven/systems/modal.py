@@ -19,7 +19,8 @@ from scipy import signal
 from scipy.optimize import least_squares
 
 from impactscope.discrepancy.driven.data.recordings import Cut
-from impactscope.discrepancy.driven.fits.simulation_error import Fit, channel_scales
+from impactscope.discrepancy.driven.fits.simulation_error import Fit
+from impactscope.discrepancy.driven.fits.weighted_residuals import channel_scales
 from impactscope.discrepancy.driven.model_selection.model_comparison import Judge
 from impactscope.discrepancy.driven.models.model import Segment
 
