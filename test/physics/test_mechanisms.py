@@ -11,10 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import signal
 
 import impactscope
 from impactscope.errors import ConfigurationError
+from impactscope.physics.mechanisms.ac_coupling import high_pass
 from impactscope.physics.mechanisms.hysteresis import yielding_rate
 from impactscope.physics.mechanisms.mechanism import Mechanism, Subsystem
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism, own_places
@@ -183,6 +186,13 @@ def test_ac_coupling_takes_corners_that_a_slow_channel_cannot_show():
     out = [kind.distort(samples, 1000.0, {'corner': c}) for c in (490.0, 500.0, 1000.0)]
     assert all(np.array_equal(o, out[0]) for o in out)
     assert np.std(out[0]) < np.std(samples)
+
+
+@given(share=st.floats(1e-8, 0.49), rate=st.floats(10.0, 1e6))
+def test_the_high_pass_is_butterworths(share, rate):
+    wanted = signal.butter(1, share * rate, btype='high', fs=rate)
+    for mine, its in zip(high_pass(share * rate, rate), wanted, strict=True):
+        np.testing.assert_allclose(mine, its, rtol=1e-12)
 
 
 def test_ac_coupling_forgets_a_step_with_its_time_constant():

@@ -17,6 +17,7 @@ from scipy import signal
 from scipy.interpolate import BSpline, CubicSpline
 
 from impactscope.discrepancy.driven.models.terms import Term
+from impactscope.physics.mechanisms.ac_coupling import high_pass
 
 __all__ = [
     'before_sampling',
@@ -205,7 +206,7 @@ def _highest(term: Term) -> float:
 def _coupled(corner: float, samples: Array, rate: float) -> Array:
     if not 0.0 < corner < 0.5 * rate:
         return samples
-    b, a = signal.butter(1, corner, btype='high', fs=rate)
+    b, a = high_pass(corner, rate)
     begin = -b[0] * _before(samples)  # and for long
     return np.asarray(signal.lfilter(b, a, samples, zi=[begin])[0])
 
@@ -258,7 +259,7 @@ def _running(corner: float, rate: float, rest: Array) -> Array:
 @functools.lru_cache(maxsize=32)
 def fading(corner: float, rate: float, count: int) -> Array:
     """How a coupling of a corner (Hz) above zero forgets, shape (count,), from one."""
-    keep = -signal.butter(1, corner, btype='high', fs=rate)[1][1]
+    keep = -high_pass(corner, rate)[1][1]
     most = min(count, 1 + int(-FORGOTTEN / math.log(keep))) if 0.0 < keep < 1.0 else 1
     return np.asarray(np.concatenate([keep ** np.arange(most), np.zeros(count - most)]))
 

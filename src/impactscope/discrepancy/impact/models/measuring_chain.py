@@ -13,6 +13,7 @@ from scipy import signal
 from impactscope.discrepancy.impact.data.binning import BinnedChannel, merged
 from impactscope.discrepancy.impact.data.blows import BlowData
 from impactscope.errors import ImpactscopeError
+from impactscope.physics.mechanisms.ac_coupling import high_pass
 from impactscope.physics.mechanisms.registry import mechanism
 
 __all__ = [
@@ -151,18 +152,18 @@ def coupled_since(
         if kind in _ADDED:
             added = distort(kind, added, channel.time[:known], channel, own)
     read = np.nan_to_num(channel.samples[:known] - added)
-    b, a = signal.butter(1, corner, btype='high', fs=channel.sample_rate)
+    b, a = high_pass(corner, channel.sample_rate)
     entered = signal.lfilter(a, b, read)
     held = clean.copy()
     held[:begin] -= np.repeat(entered - read, fine)[:begin]
-    high_pass = signal.butter(1, corner, btype='high', fs=fine * channel.sample_rate)
-    fallen = signal.lfilter(*high_pass, clean, zi=-high_pass[0][:1] * clean[0])[0]
+    finer = high_pass(corner, fine * channel.sample_rate)
+    fallen = signal.lfilter(*finer, clean, zi=-finer[0][:1] * clean[0])[0]
     last = slice(max(0, known - math.ceil(_BEFORE * channel.sample_rate)), known)
     missed = [float(np.sum((p[:begin:fine] - read)[last] ** 2)) for p in (held, fallen)]
     if missed[1] < missed[0]:
         return np.asarray(fallen)
-    left = np.array([high_pass[0][1] * entered[-1] - high_pass[1][1] * read[-1]])
-    held[begin:] = signal.lfilter(*high_pass, clean[begin:], zi=left)[0]
+    left = np.array([finer[0][1] * entered[-1] - finer[1][1] * read[-1]])
+    held[begin:] = signal.lfilter(*finer, clean[begin:], zi=left)[0]
     return held
 
 

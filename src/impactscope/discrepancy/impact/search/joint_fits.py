@@ -51,6 +51,8 @@ _SUSPECTED = 0.1  # chance, all looks together, up to which a candidate is fitte
 _RUNG, _AS_MUCH = 60.0, 0.3  # of chi-square, and of the best gain, from which that is done
 _FREQUENCIES = tuple(float(f) for f in np.geomspace(30.0, 600.0, 9))  # Hz
 _SHARES = tuple(float(s) for s in np.geomspace(1.0, 1e-3, 7))  # of an amount to begin with
+_HEAT, _ROUGHLY = 12, 1.0  # iterations of a fit from each, and the fall at which it ends
+_AHEAD, _LAST = 3, 40  # fits that are brought to their end, and in how many
 _BEARABLE = 10.0  # times the chi-square without it
 _JOINT = 6  # candidates that are fitted jointly in a step
 _KEPT = 0.6  # of what slopes promise, below which a fit has lost its way
@@ -255,19 +257,12 @@ class JointFits:
                 return found
             model = candidate.extend(current.model)
 
-            def fitted(x: Array, model: ImpactModel = model) -> Fit | None:
-                try:
-                    return fit(model, current.layout, x, settled=0.1, iterations=40)
-                except ImpactscopeError:
-                    return None
-
             begins = [
                 x
                 for frequency in _FREQUENCIES
                 for x in _begins(candidate, model, {**current.values, key: frequency}, current)
             ]
-            fits = [f for f in in_parallel(fitted, begins) if f is not None]
-            best = min((item.fit, *fits), key=lambda f: f.chi_square)
+            best = min((item.fit, *_raced(model, current, begins)), key=lambda f: f.chi_square)
             better.append(weigh(candidate, best, current, looks))
         return better
 
@@ -294,6 +289,21 @@ class JointFits:
                 continue
             found.append(weigh(candidate, joint, current, looks))
         return found
+
+
+def _raced(model: ImpactModel, current: Fit, begins: Sequence[Array]) -> list[Fit]:
+    """Fits from several starts, of which the best few go to their end."""
+
+    def fitted(x: Array, iterations: int, enough: float) -> Fit | None:
+        try:
+            return fit(model, current.layout, x, settled=enough, iterations=iterations)
+        except ImpactscopeError:
+            return None
+
+    rough = in_parallel(lambda x: fitted(x, _HEAT, _ROUGHLY), begins)
+    ahead = sorted((f for f in rough if f is not None), key=lambda f: f.chi_square)[:_AHEAD]
+    final = in_parallel(lambda f: fitted(f.x, _LAST, 0.1), ahead)
+    return [f for f in (*ahead, *final) if f is not None]
 
 
 def _begins(
