@@ -9,13 +9,9 @@ import pytest
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.fits.friction_jumps import beside_turns, steady_slope
 from impactscope.discrepancy.driven.fits.linearisation import linearised
-from impactscope.discrepancy.driven.fits.simulation_error import (
-    Fit,
-    beside_turns,
-    fit,
-    steady_slope,
-)
+from impactscope.discrepancy.driven.fits.simulation_error import Fit, fit
 from impactscope.discrepancy.driven.fits.weighted_residuals import numbers_of
 from impactscope.discrepancy.driven.model_selection.chi_square import BETWEEN, NoiseJudge, slight
 from impactscope.discrepancy.driven.models.mechanical_effects import Sizes, mechanical_terms

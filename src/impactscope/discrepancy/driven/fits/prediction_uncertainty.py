@@ -26,7 +26,8 @@ NOT_SEEN = 1e-10  # of the largest, a direction of beginnings that no recording 
 def excused(fitted: Array, shared: int, held_out: Sequence[tuple[Array, Array, Array]]) -> float:
     """Fall of the held-out recordings' deviance, against that with numbers known for certain.
 
-    Negative where a certain prediction would have been likelier.
+    Negative where a certain prediction would have been likelier. Where a recording is missed by
+    more than noise, whatever is missing passes for noise: it shall not tune the numbers.
 
     Args:
         fitted: slopes of the fitted residuals by all fitted numbers over their scales, those that
@@ -41,6 +42,7 @@ def excused(fitted: Array, shared: int, held_out: Sequence[tuple[Array, Array, A
     seen, along = np.zeros((shared, shared)), np.zeros(shared)
     for residual, slopes, own in held_out:
         left, way = _without(np.column_stack([residual, slopes]), own), slice(1, None)
+        left /= max(1.0, float(np.sqrt(np.mean(left[:, 0] ** 2))))
         seen += left[:, way].T @ left[:, way]
         along += left[:, way].T @ left[:, 0]
     # numbers over what they are known to: the same result, and no loss of digits
