@@ -7,7 +7,7 @@ import pytest
 
 from impactscope.discrepancy.evidence import Thresholds
 from impactscope.discrepancy.impact.search import held_out
-from impactscope.discrepancy.impact.search.outcome import Found
+from impactscope.discrepancy.impact.search.outcome import Found, Outcome
 
 
 def candidate_of(name):
@@ -25,16 +25,11 @@ def outcome_of(gained):
     model = SimpleNamespace(data=SimpleNamespace(held_out=()), free=())
     layout = SimpleNamespace(size=100)
     friction = candidate_of('coulomb_friction')
-    return SimpleNamespace(
+    return Outcome(
         baseline=SimpleNamespace(chi_square=100.0 + gained, model=model, layout=layout),
         final=SimpleNamespace(chi_square=100.0, model=model, layout=layout),
         accepted=[friction],
         found={'coulomb_friction': found_of(friction, -40.0)},
-        rivals={},
-        modes=[],
-        last=[],
-        notes=[],
-        tests=None,
         window=1.0,
     )
 

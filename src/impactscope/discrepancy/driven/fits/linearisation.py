@@ -10,17 +10,16 @@ from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.fits.friction_jumps import may_jump, steady_slope
 from impactscope.discrepancy.driven.fits.innovations import innovations
+from impactscope.discrepancy.driven.fits.orthonormal import orthonormal
 from impactscope.discrepancy.driven.fits.recordings_in_parallel import by_recording
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
-from impactscope.discrepancy.driven.fits.weighted_residuals import numbers_of
+from impactscope.discrepancy.driven.fits.weighted_residuals import STEP, numbers_of
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Term
 
 __all__ = ['Linearisation', 'change', 'linearised']
 
 Array = NDArray[np.float64]
-
-STEP = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,9 +65,7 @@ def linearised(model: Model, made: Fit, segments: Sequence[Segment]) -> Linearis
         none = np.zeros((residual.size, 0))
         return Linearisation(residual, none.T, none)
     matrix = np.stack(columns, axis=1)
-    size = np.linalg.norm(matrix, axis=0)
-    u, s, _ = np.linalg.svd(matrix / np.where(size > 0.0, size, 1.0), full_matrices=False)
-    basis = np.ascontiguousarray(u[:, s > 1e-9 * s[0]].T)
+    basis = np.ascontiguousarray(orthonormal(matrix).T)
     return Linearisation(residual - basis.T @ (basis @ residual), basis, shared)
 
 

@@ -15,12 +15,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.discrepancy.driven.fits.orthonormal import orthonormal
+
 __all__ = ['excused']
 
 Array = NDArray[np.float64]
 
 BEFOREHAND = 1.0  # standard deviation of a number, over its scale, without any recording
-NOT_SEEN = 1e-10  # of the largest, a direction of beginnings that no recording shows
 
 
 def excused(fitted: Array, shared: int, held_out: Sequence[tuple[Array, Array, Array]]) -> float:
@@ -55,9 +56,5 @@ def excused(fitted: Array, shared: int, held_out: Sequence[tuple[Array, Array, A
 
 def _without(columns: Array, adjusted: Array) -> Array:
     """Columns without what numbers can take that are adjusted to them, shape (n, k)."""
-    if not adjusted.shape[1]:
-        return columns
-    length = np.linalg.norm(adjusted, axis=0)
-    u, s, _ = np.linalg.svd(adjusted / np.where(length > 0.0, length, 1.0), full_matrices=False)
-    basis = u[:, s > NOT_SEEN * max(float(s[0]), 1e-300)]
+    basis = orthonormal(adjusted)
     return np.asarray(columns - basis @ (basis.T @ columns))

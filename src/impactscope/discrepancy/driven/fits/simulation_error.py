@@ -122,7 +122,7 @@ def fit(
             problem.residual,
             theta,
             partial(problem.jacobian, first=frozen),
-            bounds=(problem.lower, problem.upper),
+            bounds=(problem.lower[: theta.size], problem.upper[: theta.size]),
             x_scale='jac',
             max_nfev=evaluations,
             ftol=tolerance,

@@ -6,6 +6,7 @@ measured by their scales.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -81,7 +82,8 @@ class WeightedResiduals:
         known: whether the noise of all segments is known; residuals are whitened then.
         jumps: whether a prediction jumps where a motion turns under dry friction.
         weights: by segment; the sum of squares is then a mean.
-        begin: values to set out from, over their scales, with bounds ``lower`` and ``upper``.
+        begin: values to set out from, over their scales; without those of held-out recordings.
+        lower, upper: bounds of all numbers, those of held-out recordings last.
     """
 
     def __init__(
@@ -107,12 +109,16 @@ class WeightedResiduals:
         ]
         self._starts = starts
         self._last: list[tuple[Array, Array]] = []
-        self.begin = np.array(
-            [_bounded(initial.get(k, n.starts[0]), n) / n.scale for k, n in self.shared]
+        order = [*self.fitted, *(i for i, s in enumerate(segments) if s.held_out)]
+        numbers = [*(n for _, n in self.shared), *(n for i in order for n in self.own[i])]
+        self.lower = np.array([n.lower / n.scale for n in numbers])
+        self.upper = np.array([n.upper / n.scale for n in numbers])
+        behind = np.cumsum([len(self.shared), *(len(self.own[i]) for i in order)]).tolist()
+        self._place = dict(
+            zip(order, itertools.starmap(slice, itertools.pairwise(behind)), strict=True)
         )
-        self.lower = np.array([n.lower / n.scale for _, n in self.shared])
-        self.upper = np.array([n.upper / n.scale for _, n in self.shared])
-        self._place: dict[int, slice] = {}
+        shared = [_bounded(initial.get(k, n.starts[0]), n) / n.scale for k, n in self.shared]
+        self.begin = np.array(shared)
         for i in self.fitted:
             self.begin = self.with_beginning(self.begin, i, self.beginning(i))
         ends = np.cumsum([segments[i].measured.size for i in self.fitted])
@@ -128,13 +134,8 @@ class WeightedResiduals:
         return np.array([n.starts[0] for n in self.own[i]])
 
     def with_beginning(self, theta: Array, i: int, begin: Array) -> Array:
-        """What is adjusted, with a segment's own numbers behind all else."""
-        numbers = self.own[i]
-        scale = np.array([n.scale for n in numbers])
-        self._place[i] = slice(theta.size, theta.size + len(numbers))
-        self.lower = np.append(self.lower, [n.lower / n.scale for n in numbers])
-        self.upper = np.append(self.upper, [n.upper / n.scale for n in numbers])
-        return np.append(theta, begin / scale) if numbers else theta
+        """What is adjusted, with the next segment's own numbers behind it, in their units."""
+        return np.append(theta, begin / np.array([n.scale for n in self.own[i]]))
 
     def values(self, theta: Array) -> dict[str, float]:
         """Shared numbers in their units."""

@@ -21,6 +21,7 @@ from impactscope.discrepancy.driven.fits.growing_windows import (
     fit_over_growing_windows,
     lost_count,
 )
+from impactscope.discrepancy.driven.fits.orthonormal import orthonormal
 from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit, sensitivities
 from impactscope.discrepancy.driven.model_selection.model_comparison import Judge, noise_share
 from impactscope.discrepancy.driven.models.model import Model, Segment
@@ -116,7 +117,7 @@ def prospects(
 ) -> list[_Prospect]:
     """Candidates in order of what they could explain of a fit's residual, best first."""
     residual, retuned = sensitivities(model, base, segments)
-    basis = _orthonormal(retuned)
+    basis = orthonormal(retuned)
     residual = residual - basis @ (basis.T @ residual)
     power = float(residual @ residual) + 1e-300
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
@@ -163,14 +164,6 @@ def _worth_a_fit(ordered: Sequence[_Prospect], effort: Effort) -> list[_Prospect
     """
     first = list(ordered[: effort.tried])
     return [*first, *(p for p in ordered[effort.tried :] if not p.term.numbers)]
-
-
-def _orthonormal(columns: Array) -> Array:
-    if columns.shape[1] == 0:
-        return columns
-    size = np.linalg.norm(columns, axis=0)
-    u, s, _ = np.linalg.svd(columns / np.where(size > 0.0, size, 1.0), full_matrices=False)
-    return np.asarray(u[:, s > 1e-9 * max(float(s[0]), 1e-300)])
 
 
 class _Fits:

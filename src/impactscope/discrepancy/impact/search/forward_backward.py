@@ -494,11 +494,7 @@ class Search:
         if not better:
             return current
         best = better[0]
-        del outcome.found[candidate.label]
-        outcome.rivals.pop(candidate.label, None)
-        outcome.accepted[-1] = best.candidate
-        outcome.found[best.candidate.label] = best
-        outcome.rivals[best.candidate.label] = [f for f in found if f is not best]
+        outcome.put_in_place_of_last(best, found)
         return best.fit
 
     def _restarted(self, without: Fit, candidate: Candidate, looks: int) -> list[Found]:

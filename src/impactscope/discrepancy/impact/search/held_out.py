@@ -89,9 +89,7 @@ def _weigh_rivals(outcome: Outcome) -> None:
     if not better:
         return
     best, predicted = min(better, key=lambda pair: pair[0].criterion)
-    outcome.accepted[-1] = best.candidate
-    outcome.found[best.candidate.label] = best
-    outcome.rivals[best.candidate.label] = [mine, *(f for f in known if f is not best)]
+    outcome.put_in_place_of_last(best, [mine, *known])
     outcome.final, outcome.held_out_final = best.fit, predicted
     outcome.tests, outcome.modes = None, []
 

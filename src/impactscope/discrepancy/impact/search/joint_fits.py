@@ -20,12 +20,7 @@ from impactscope.discrepancy.evidence import Thresholds, least_gain
 from impactscope.discrepancy.impact.candidates.candidate import Candidate, stronger
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.candidates.channel_effects import delays_like
-from impactscope.discrepancy.impact.fits.least_squares import (
-    Fit,
-    at_point,
-    fit,
-    settled,
-)
+from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, fit, settled
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
 from impactscope.discrepancy.impact.search.outcome import QUIET, Found, settled_without, weigh
 from impactscope.discrepancy.impact.search.returns import from_return

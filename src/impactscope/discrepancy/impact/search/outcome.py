@@ -68,6 +68,15 @@ class Outcome:
     held_out_final: Fit | None = None
     notes: list[str] = field(default_factory=list)
 
+    def put_in_place_of_last(self, best: Found, rivals: Sequence[Found]) -> None:
+        """Another finding in the place of the last one, with what else was fitted there."""
+        label = self.accepted[-1].label
+        del self.found[label]
+        self.rivals.pop(label, None)
+        self.accepted[-1] = best.candidate
+        self.found[best.candidate.label] = best
+        self.rivals[best.candidate.label] = [f for f in rivals if f is not best]
+
 
 def evidence_for(joint: Fit, without: Fit) -> float:
     """Fall of chi-square, over the reduced chi-square that is left; no few samples decide.
