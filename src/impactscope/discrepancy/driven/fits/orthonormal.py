@@ -13,7 +13,7 @@ NOT_SEEN = 1e-9  # of the largest, a direction that adds nothing
 
 
 def orthonormal(columns: Array) -> Array:
-    """Orthonormal columns, (n, rank), that span those given, (n, k), of whatever length each is."""
+    """Orthonormal columns, (n, rank), that span those given, (n, k), whatever their lengths."""
     if columns.shape[1] == 0:
         return columns
     size = np.linalg.norm(columns, axis=0)
