@@ -50,12 +50,13 @@ def pulled_back(x, spring):
 
 
 @njit
-def axis(reference, friction, load, spring, base, cogging, drag=0.0, uneven=0.0):
+def axis(reference, friction, load, spring, base, cogging, drag=0.0, uneven=0.0, fading=0.0):
     """Encoder positions and commanded forces; exact sliding at small steps, friction implicit.
 
     ``spring``: see ``pulled_back``; ``base``: on which drive and guide stand; ``cogging``: force
     and period along the position; ``drag``: of the square of the speed, N s^2/m^2;
-    ``uneven``: growth of the friction with the distance from the middle, N/m.
+    ``uneven``: growth of the friction with the distance from the middle, N/m; ``fading``: share
+    of the friction that is gone at the end.
     """
     step = 1.0 / (RATE * FINE)
     keep = np.exp(-step * DAMPING / MASS)
@@ -82,7 +83,7 @@ def axis(reference, friction, load, spring, base, cogging, drag=0.0, uneven=0.0)
                 sway_speed += step * beside
                 sway += step * sway_speed
             free = keep * v + push * pull
-            rub = friction + uneven * abs(x)
+            rub = friction * (1.0 - fading * i / reference.size) + uneven * abs(x)
             new = np.sign(free) * max(abs(free) - push * rub, 0.0)
             x += 0.5 * step * (v + new)
             v = new
@@ -107,13 +108,16 @@ def closed_loop(
     drag=0.0,
     ripple=0.0,
     uneven=0.0,
+    fading=0.0,
 ):
     rng = np.random.default_rng(seed)
     channels, entries = {}, []
     for i in range(3):
         file = f'r{i}.mcap'
         reference = course(4.0, 0.05 * (farther if i == 2 else 1.0), rng)
-        positions, forces = axis(reference, friction, load, spring, base, cogging, drag, uneven)
+        positions, forces = axis(
+            reference, friction, load, spring, base, cogging, drag, uneven, fading
+        )
         positions = np.concatenate([np.full(late, positions[0]), positions])[: positions.size]
         if smooth:
             positions = signal.filtfilt(*signal.butter(1, smooth, fs=RATE), positions)
@@ -190,6 +194,12 @@ def test_a_weak_cogging_is_no_slow_noise():
     law = re.search(r'a force that repeats every (\S+) m', answer.unexplained_description)
     assert law is not None
     assert float(law[1]) == pytest.approx(9.3e-3, rel=0.01)
+
+
+def test_friction_that_fades_is_friction_and_something_unknown():
+    answer = explain_driven(closed_loop(5, friction=0.004, fading=0.8))
+    assert answer.accepted == ('coulomb_friction', 'unknown')
+    assert 'a friction that changes in time' in answer.unexplained_description
 
 
 def test_a_cogging_of_many_teeth_is_not_nothing():

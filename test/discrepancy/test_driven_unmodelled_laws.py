@@ -5,11 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from impactscope.discrepancy.driven.adequacy import unmodelled_laws as module
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import (
     LOOKS,
     UnmodelledLaw,
     _of_many,
     unmodelled_laws,
+    verdict,
 )
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.models.model import Segment
@@ -66,3 +68,46 @@ def test_a_law_that_was_sought_among_more_pays_for_them():
     few, many = (UnmodelledLaw('swings', 30.0, 2, looks=k) for k in (LOOKS, 10 * LOOKS))
     assert many.p_value == pytest.approx(10.0 * few.p_value, rel=0.01)
     assert many.worth == pytest.approx(few.worth - 2.0 * np.log(10.0))
+
+
+def fitted(labels, numbers):
+    """A fit with effects of these labels and that many numbers of theirs."""
+    terms = tuple(SimpleNamespace(label=label, rough=False, name=label) for label in labels)
+    return Fit(terms, {}, {}, (np.zeros(0),), (np.zeros(0),), numbers)
+
+
+def decided(monkeypatch, gains, gain, labels, numbers):
+    """Verdict where a law gains this much alone and beside what has the labels and gains."""
+    names = 'what seems to be at work', 'what is left'
+    alone, beside = (UnmodelledLaw(n, x, 1) for n, x in zip(names, gains, strict=True))
+    none, best = fitted((), 0), fitted(labels, numbers)
+    monkeypatch.setattr(
+        module,
+        'unmodelled_laws',
+        lambda _laws, _model, made, _: [alone if made is none else beside],
+    )
+    segments = [SimpleNamespace(held_out=False)]
+    return verdict(None, None, none, best, (gain, gain), segments)
+
+
+def test_one_law_as_good_as_two_effects_is_the_likelier_one(monkeypatch):
+    """Each of two was chosen among many; a single one must be far behind."""
+    said = decided(monkeypatch, (410.0, 5.0), 420.0, ('base_compliance', 'clock_error'), 4)
+    assert said.left
+    assert said.instead
+    assert said.probability > 0.9
+    alone = decided(monkeypatch, (410.0, 5.0), 412.0, ('hysteresis',), 2)
+    assert not alone.left
+
+
+def test_two_effects_that_tell_more_than_a_law_stay(monkeypatch):
+    said = decided(monkeypatch, (410.0, 5.0), 450.0, ('base_compliance', 'clock_error'), 4)
+    assert not said.left
+
+
+@pytest.mark.parametrize(('beside', 'instead'), [(30.0, True), (95.0, False)])
+def test_a_law_stands_beside_what_explains_far_more_with_it(monkeypatch, beside, instead):
+    """Friction that fades: the fading alone looks better than the friction alone."""
+    said = decided(monkeypatch, (600.0, beside), 570.0, ('coulomb_friction',), 1)
+    assert said.left
+    assert said.instead is instead

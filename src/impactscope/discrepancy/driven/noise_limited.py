@@ -81,6 +81,7 @@ MOSTLY_SLOW = 2.0  # times its changes from sample to sample: what is left is mo
 PROSPECTS, STEPS = 4, 2  # effects that are fitted, each beside the best one before
 MOST_LOOKED_AT = 45_000  # samples of a plate far from its noise that are looked at so
 LEVEL = 0.02  # relative change of the noise's level that matters
+NONE_LEFT = 0.1  # of the noise, that a law leaves at least
 
 
 def plate_answer(campaign: Campaign, begun: Start, tell: Progress) -> tuple[Answer | None, bool]:
@@ -394,9 +395,12 @@ def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
     rows = [(chi, s.measured.size) for s, chi in pairs if not s.held_out]
     left = math.fsum(chi for chi, _ in rows)
     whole = left + whitened_logarithm(case) + priced(made, outcome.baseline)
-    if said.left:  # a law takes away no more than what is left beyond the noise
-        beyond = max(left - sum(size for _, size in rows), 0.0)
-        whole -= min(said.strongest.gain, beyond) - PRICE * said.strongest.numbers
+    if said.left:  # of the noise, which was judged with the law in it, the level is open
+        size = sum(n for _, n in rows)
+        after = max(left - said.strongest.gain, NONE_LEFT * size)
+        anew = size * (1.0 + math.log(after / size)) + PRICE
+        whole += min(after, anew) if after < size else after
+        whole += PRICE * said.strongest.numbers - left
     else:  # a level of its own in each recording is what slow noise has, at a price
         whole += (PRICE - OWN) * (made.own - outcome.baseline.own)
     return whole

@@ -111,6 +111,8 @@ def plate_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
     each = list(p.alone(xs, force=True))
     yield Group('a stiffness that differs between recordings', each)
     yield Group('a damping that differs between recordings', list(p.alone(vs, force=True)))
+    signs = [np.sign(v) for v in vs]
+    yield Group('a friction that differs between recordings', list(p.alone(signs, force=True)))
     yield Group(
         'an offset that differs between recordings',
         list(p.alone([np.ones(x.size) for x in xs], force=False)),
@@ -122,6 +124,10 @@ def plate_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
     yield Group(
         'a damping that changes in time',
         [p.answer([v * t for v, t in zip(vs, times, strict=True)])],
+    )
+    yield Group(
+        'a friction that changes in time',
+        [p.answer([s * t for s, t in zip(signs, times, strict=True)])],
     )
     yield Group('a reading that is not straight', [p.output([y * y for y in p.outputs])])
     yield Group('a reading that is not straight', [p.output([y**3 for y in p.outputs])])
@@ -178,10 +184,26 @@ def _memory(p: _Plate, xs: Sequence[Array], vs: Sequence[Array]) -> Iterator[Gro
     length = 1 << (2 * max(x.size for x in xs) - 1).bit_length()
     turn = 2j * math.pi * np.fft.rfftfreq(length, p.period) / p.natural
     turn[0] = NEAR
-    for order in (0.25, 0.5, 0.75, 1.5):
-        spectra = [np.fft.rfft(x, length) * turn**order for x in xs]
-        forces = [np.fft.irfft(s, length)[: x.size] for s, x in zip(spectra, xs, strict=True)]
-        yield Group('damping of fractional order', [p.answer(forces)])
+    spectra = [np.fft.rfft(x, length) for x in xs]
+    for tried in (0.25, 0.5, 0.75, 1.5):
+
+        def columns(shape: Array) -> list[Array]:
+            risen = turn ** math.exp(shape[0])
+            forces = [
+                np.fft.irfft(s * risen, length)[: x.size] for s, x in zip(spectra, xs, strict=True)
+            ]
+            return [p.answer(forces)]
+
+        start = math.log(tried)
+        yield Group(
+            'damping of fractional order',
+            columns(np.array([start])),
+            shaped=Shaped((start,), columns, _fractional),
+        )
+
+
+def _fractional(shape: Array) -> str:
+    return f'damping of fractional order, {math.exp(shape[0]):.2g}'
 
 
 def _modes(p: _Plate) -> Iterator[Group]:

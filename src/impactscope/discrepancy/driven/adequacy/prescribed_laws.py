@@ -49,6 +49,10 @@ def prescribed_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Ite
         ('a reading that is not straight', [y**3 for y in ys]),
         ('a stiffness that changes in time', [x * t for x, t in zip(xs, times, strict=True)]),
         ('a damping that changes in time', [v * t for v, t in zip(vs, times, strict=True)]),
+        (
+            'a friction that changes in time',
+            [np.sign(v) * t for v, t in zip(vs, times, strict=True)],
+        ),
     ):
         yield Group(name, [column(parts)])
     if len(chosen) > 1:

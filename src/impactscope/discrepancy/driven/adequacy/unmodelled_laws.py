@@ -49,6 +49,10 @@ LONE, TOLD = 6, 4.0  # samples that may stand out, and the chi-square that each 
 LEAST_TO_SHAPE = 20.0  # worth of a law, from which its shape is sought further
 SHAPE_STEP, SHAPES = 0.2, 80  # first step, in logarithms, and shapes at most
 MARGIN = 10.0  # chi-square by which a law beyond the vocabulary must be the better explanation
+# share of what a law explains alone, by which a finding and a law beside it must explain more to
+# stand together
+FAR_MORE = 0.1
+CHOICES = 60  # independent effects, about, of which each of several was chosen
 
 
 class Shaped(NamedTuple):
@@ -288,9 +292,14 @@ def verdict(
     plain = alone.gain if alone.plain is None else alone.plain
     ahead = alone.worth - equivalent_gain(gain[0], added)
     ahead = min(ahead, equivalent_gain(plain, alone.numbers) - equivalent_gain(gain[1], added))
-    ahead -= MARGIN
+    # a law is paid for by its looks; of several effects each was chosen among many, too
+    several = len(best.terms) - len(baseline.terms) - 1
+    ahead += 2.0 * math.log(CHOICES) * max(several, 0) - MARGIN
     needed = beside.p_value < BESIDE and beside.gain > slight(best) * gain[0]
-    clearly = ahead > MARGIN or (ahead > 0.0 and beside.worth > MARGIN)
+    # one law as good as several effects is the likelier one
+    clearly = ahead > 0.0 and (ahead > MARGIN or several > 0 or beside.worth > MARGIN)
+    if needed and gain[0] + beside.gain > (1.0 + FAR_MORE) * alone.gain:
+        clearly = False  # a finding and a law together tell far more than that law alone
     same = alone.law.partition(' at ')[0] == beside.law.partition(' at ')[0]
     instead = clearly or (needed and same and ahead > -MARGIN)
     left = instead or needed

@@ -71,8 +71,12 @@ def unknown_finding(verdict: Verdict) -> Finding:
 
 
 def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
-    """Accepted terms first, then what else was tried, by probability."""
-    fits, weight = _weighted(s)
+    """Accepted terms first, then what else was tried, by probability.
+
+    Beside something unknown a richer rival fits a part of that: it says nothing of what was found.
+    """
+    beside = s.verdict is not None and s.verdict.left and not s.verdict.instead
+    fits, weight = _weighted(s, no_richer=beside)
     given = {t.name for t in s.outcome.baseline.terms}
     best = {t.name for t in s.outcome.best.terms}
     share: dict[str, float] = {}
@@ -85,7 +89,6 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
             if term.name not in source or p > source[term.name][2]:
                 source[term.name] = term, made, p
     found = []
-    beside = s.verdict is not None and s.verdict.left and not s.verdict.instead
     if s.verdict is not None and not beside:
         share = {n: p * (1.0 - s.verdict.probability) for n, p in share.items()}
     for term in new:
@@ -121,9 +124,12 @@ def unlikely(s: Subject, new: Sequence[Term]) -> frozenset[str]:
     return frozenset(found)
 
 
-def _weighted(s: Subject) -> tuple[list[Fit], list[float]]:
-    """The chosen fit and its rivals, and the probability of each."""
-    fits = [s.outcome.best, *s.outcome.rivals]
+def _weighted(s: Subject, *, no_richer: bool = False) -> tuple[list[Fit], list[float]]:
+    """The chosen fit and its rivals, or those with no more numbers; the probability of each."""
+    best, rivals = s.outcome.best, s.outcome.rivals
+    if no_richer:
+        rivals = tuple(f for f in rivals if f.added <= best.added)
+    fits = [best, *rivals]
     for made in fits:
         s.judge.weights(made)
     if s.case is not None:
