@@ -53,7 +53,9 @@ _Solution = tuple[Array, Array, NDArray[np.int64]]  # rows, event times and kind
 
 SPEED_RATIO = 'impact_speed_loss.ratio'
 _SOLUTIONS = 8  # kept for each blow
-_MOMENTS, _WHITENERS = 60, 150  # kept
+_MOMENTS, _WHITENERS = 60, 300  # kept
+_FILTERED = 256  # samples at least, that a filter is given
+_BEYOND = 0.01  # s beyond the last bin of a layout, up to which is simulated
 _TELLS = 3.0  # of its noise, uncertainty of a bin up to which it is fitted
 _WHOLE = ('low_pass_filter', 'ac_coupling')  # effects that need every sample
 _WEIGHTS = ('gravity_load', 'restoring_force')
@@ -141,6 +143,7 @@ class _Simulated:
     event_kinds: NDArray[np.int64]
     jump: float  # of the plate's acceleration at a reversal, m/s^2
     start: float  # s, first contact
+    end: float  # s, up to which there is anything at all
 
     @property
     def kinks(self) -> Array:
@@ -181,7 +184,7 @@ class ImpactModel:
     moments: ResultCache[_Moments] = field(
         default_factory=lambda: ResultCache(_MOMENTS), repr=False
     )
-    whiteners: ResultCache[Whitener] = field(
+    whiteners: ResultCache[tuple[Whitener, NDArray[np.bool_], Array]] = field(
         default_factory=lambda: ResultCache(_WHITENERS), repr=False
     )
 
@@ -322,14 +325,23 @@ class ImpactModel:
         if channel.colour is None:
             return rows
         mask = layout.masks[i, name]
-        key = b''.join((bytes((i,)), name.encode(), mask.tobytes(), channel.std.tobytes()))
-        known = self.whiteners.get(key)
-        if known is None:
-            known = whitener(
-                channel.colour, channel.centres[mask], channel.counts[mask], channel.std[mask]
-            )
-            self.whiteners.keep(key, known)
-        return known(rows)
+        place = i, name, id(mask), id(channel.std)
+        kept = self.whiteners.get(place)
+        if kept is None:
+            key = b''.join((bytes((i,)), name.encode(), mask.tobytes(), channel.std.tobytes()))
+            same = self.whiteners.get(key)
+            known = same[0] if same is not None else None
+            if known is None:
+                centres, counts, std = (
+                    channel.centres[mask],
+                    channel.counts[mask],
+                    channel.std[mask],
+                )
+                known = whitener(channel.colour, centres, counts, std)
+            kept = known, mask, channel.std  # held, so that no other array takes its place
+            self.whiteners.keep(key, kept)
+            self.whiteners.keep(place, kept)
+        return kept[0](rows)
 
     # --- simulation ------------------------------------------------------------------------
 
@@ -412,6 +424,7 @@ class ImpactModel:
             event_kinds=event_kinds,
             jump=float((par[at.KINETIC_FORWARD] + par[at.KINETIC_BACKWARD]) / par[at.PLATE_MASS]),
             start=start,
+            end=until + _BEYOND,
         )
 
     def _mean(self, simulated: _Simulated, channel: BinnedChannel) -> Array:
@@ -425,12 +438,15 @@ class ImpactModel:
     def _samples(simulated: _Simulated, channel: BinnedChannel) -> Array:
         """A channel after all that its chain does, at its samples where these were simulated.
 
-        Shape (n_samples,), or (n_nodes,) at its nodes.
+        Shape (n_samples,), or (n_nodes,) at its nodes; zero beyond what was simulated.
         """
         name = channel.name
-        clean = simulated.gains[name] * simulated.rows[simulated.where[name], CHANNELS[name][1]]
         fine = simulated.whole.get(name, 1)
         moments = sample_moments(channel, fine) if name in simulated.whole else channel.nodes
+        result = np.zeros(-(-moments.size // fine))
+        moments = moments[: max(_FILTERED * fine, np.searchsorted(moments, simulated.end))]
+        where = simulated.where[name][: moments.size]
+        clean = simulated.gains[name] * simulated.rows[where, CHANNELS[name][1]]
         chain = simulated.chain.get(name, ())
         for place, (kind, numbers) in enumerate(chain):
             if kind == 'ac_coupling' and name == 'acceleration.impactor':
@@ -438,10 +454,12 @@ class ImpactModel:
                 clean = coupled_since(simulated.start, clean, moments, channel, behind, fine)
                 continue
             clean = distort(kind, clean, moments, channel, numbers, fine)
-        return np.asarray(clean[::fine])
+        seen = clean[::fine]
+        result[: seen.size] = seen
+        return result
 
     def _solve(self, par: Array, i: int, times: Array, start: float, until: float) -> _Solution:
-        count = int(np.searchsorted(times, until + 0.01))
+        count = int(np.searchsorted(times, until + _BEYOND))
         key = par.tobytes() + np.array([start, count, times.size, times[-1], times[0]]).tobytes()
         key += times[:: max(1, times.size // 7)].tobytes()
         known = self.solutions[i].get(key)

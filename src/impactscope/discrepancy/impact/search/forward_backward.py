@@ -81,6 +81,8 @@ _WORSE = 1.1  # the same from which a name is taken otherwise
 _DOUBTED = 5  # candidates that are looked at again where what is left is no noise
 _LEAST_GAIN = 9.0  # of chi-square, of such a candidate with one number
 _LEAST_CHANCE = 0.0027  # that noise alone gives it as much, whatever its numbers
+_FAR_BEHIND = 100.0  # of chi-square, that the last digits of a fit do not make up for
+_ROUGHLY = 1.0  # fall of chi-square at which a fit ends that only tells that
 _WORTH = 6.0  # of chi-square, that a number less is worth
 _PRUNED = 2  # rounds in which findings are asked for again
 _SOUND = 10.0  # times the chance from which what is left is no noise
@@ -627,7 +629,10 @@ def _likelier(found: Fit, outcome: Outcome) -> Fit:
     """
     best = found
     for model in other_conventions(found):
-        other = fit(model, found.layout, found.x)
+        other = fit(model, found.layout, found.x, settled=_ROUGHLY, near=found, fresh=False)
+        if other.chi_square > best.chi_square + _FAR_BEHIND:
+            continue
+        other = fit(model, found.layout, other.x)
         if other.chi_square < best.chi_square - _LEAST_GAIN:
             # from there the usual way may lead further, too
             back = fit(best.model, found.layout, other.x)

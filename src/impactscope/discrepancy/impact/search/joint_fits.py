@@ -112,14 +112,15 @@ class JointFits:
             model = candidate.extend(current.model)
             own = {f.key for f in candidate.free}
             mine = {k: v for k, v in before.fit.values.items() if k in own}
-            fits = []
+            begins = []
             for numbers in ({**current.values, **mine}, {**current.values, **before.fit.values}):
-                x = model.vector(numbers)
                 with contextlib.suppress(ImpactscopeError):
-                    fits.append(fit(model, current.layout, x, settled=0.1, near=current))
-            if fits:
-                best = min(fits, key=lambda f: f.chi_square)
-                added.append(weigh(candidate, best, current, looks))
+                    begins.append(at_point(model, current.layout, model.vector(numbers)))
+            if begins:
+                nearer = min(begins, key=lambda f: f.chi_square)
+                with contextlib.suppress(ImpactscopeError):
+                    joint = fit(model, current.layout, nearer.x, settled=0.1, near=current)
+                    added.append(weigh(candidate, joint, current, looks))
         return sorted([*found, *added], key=lambda f: f.criterion)
 
     def _strong(
