@@ -9,7 +9,7 @@ from impactscope.errors import InputError
 from impactscope.proof.bench import BENCH, Pulse
 from impactscope.proof.conditions import draw_scenario
 from impactscope.proof.detectability import Freedom, samples
-from impactscope.proof.draw import alternatives, draw, solve_strength
+from impactscope.proof.draw import CONFUSABLE, alternatives, draw, solve_strength
 from impactscope.proof.effects import EFFECTS, effect
 from impactscope.proof.measurement import input_channel, measure, noise_free
 from impactscope.proof.scenario import Blow, Chain, Scenario
@@ -163,6 +163,13 @@ def test_nearly_even_friction_cannot_be_told_from_even_friction(freedom):
     assert near['coulomb_friction'] < 0.05 * size
     assert 'mains_hum' not in near
     assert 'hardening_spring' not in near
+
+
+def test_a_friction_that_bounces_amplify_is_compared_at_the_strength_it_has():
+    """Linear re-tuning calls it ten times as strong as it is: it looked like nothing else."""
+    hidden = draw(np.random.default_rng([251541647281852, 87]))
+    assert [p.name for p in hidden.parts] == ['asymmetric_friction']
+    assert hidden.confusable['coulomb_friction'] < CONFUSABLE
 
 
 def test_nothing_left_looks_like_nothing(freedom):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,7 +14,7 @@ from impactscope.errors import ConfigurationError, InputError
 
 from .conditions import draw_scenario
 from .detectability import Companion, Freedom, norm
-from .effect import axial, swung
+from .effect import DRY_FRICTIONS, axial, swung
 from .effects import EFFECTS, Effect
 from .noise import seen_better
 from .scenario import Scenario
@@ -57,6 +58,7 @@ _DRAWS = 30  # until the wanted channel comes; some effects are of one channel o
 # ideal observer errs in Phi(-d'/2), here in one of twenty.
 CONFUSABLE = 3.29
 ALIKE = 1.0  # an alternative that leaves less needs no other draw of its shape
+_AROUND = (0.8, 0.9, 1.0, 1.1, 1.25)  # of a strength that was found by simulation
 TRIES = 2  # draws of its shape with either sign
 
 
@@ -128,7 +130,7 @@ def draw(
     confusable = {}
     if classes and size >= 1:
         left, _ = freedom.fitted(truth)
-        confusable = alternatives(rng, freedom, left, {chosen.key})
+        confusable = alternatives(rng, freedom, left, {chosen.key}, kin=_kin(chosen))
     return Concealed(baseline, truth, category, (part,), size, confusable)
 
 
@@ -155,12 +157,15 @@ def alternatives(
     left: Sequence[Array],
     skip: Collection[str],
     limit: float = CONFUSABLE,
+    kin: Collection[str] = (),
 ) -> dict[str, float]:
     """Mechanisms that would explain a remainder as well, and the d' each would leave.
 
     Every effect of the library but those whose keys are in ``skip`` is given the same d', an
     effect of the measuring chain in the channel that shows most of the remainder. Its own
     remainder is subtracted in the best proportion, 0 to 2; what it cannot remove is its d'.
+    The strength is that of linear re-tuning, and for those named in ``kin`` that of the baseline
+    simulated anew, too: what is re-tuned of a dry friction hangs on how strong it is.
     """
     size = norm(left)
     found: dict[str, float] = {}
@@ -183,11 +188,30 @@ def alternatives(
                 rest = _without(left, mine, reached)
                 if rest > 0.7 * size:  # nothing like it: no need to look closer
                     break
+            if rest > ALIKE and other.name in kin:
+                rest = min(rest, _simulated_anew(freedom, other, aux, left, strength))
             if rest < limit and rest < 0.5 * size:
                 found[other.name] = min(rest, found.get(other.name, math.inf))
             if not aux or found.get(other.name, math.inf) < ALIKE:  # nothing else to try
                 break
     return dict(sorted(found.items(), key=lambda item: item[1]))
+
+
+def _simulated_anew(
+    freedom: Freedom,
+    other: Effect,
+    aux: Mapping[str, float | str],
+    left: Sequence[Array],
+    start: float,
+) -> float:
+    """What is left of a remainder without another effect, at strengths around its own."""
+    strength, _ = _search(freedom, other, aux, norm(left), start, linear=False, trials=8)
+    rests = []
+    for share in _AROUND:
+        turned = other.apply(freedom.scenario, share * strength, aux)
+        with contextlib.suppress(InputError):
+            rests.append(_without(left, *freedom.fitted(turned)))
+    return min(rests, default=math.inf)
 
 
 def _without(left: Sequence[Array], mine: Sequence[Array], reached: float) -> float:
@@ -264,9 +288,15 @@ def _pair(rng: np.random.Generator, clean: Scenario, *, classes: bool) -> Concea
         left, reached = beside.fitted(truth)
         parts.append(_part(effect, strength, aux, reached))
         if classes and reached >= 1:
-            confusable |= alternatives(rng, beside, left, {effect.key, other[0].key})
+            confusable |= alternatives(
+                rng, beside, left, {effect.key, other[0].key}, kin=_kin(effect)
+            )
     size = min(p.detectability for p in parts)
     return Concealed(baseline, truth, 'pair', tuple(parts), size, confusable)
+
+
+def _kin(effect: Effect) -> tuple[str, ...]:
+    return DRY_FRICTIONS if effect.name in DRY_FRICTIONS else ()
 
 
 def _applied(effect: Effect, strength: float, aux: Mapping[str, float | str]) -> Companion:

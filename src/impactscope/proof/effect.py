@@ -11,6 +11,7 @@ from .measurement import noise_free
 from .scenario import STRIKES, Scenario
 
 __all__ = [
+    'DRY_FRICTIONS',
     'Aux',
     'Effect',
     'always',
@@ -23,6 +24,9 @@ __all__ = [
     'swung',
     'with_layer',
 ]
+
+DRY_FRICTIONS = ('coulomb_friction', 'asymmetric_friction', 'stribeck_friction')
+"""Laws of one kind: the first is what is left where the others' further numbers tell nothing."""
 
 Aux = Mapping[str, float | str]
 Drawn = dict[str, float | str]

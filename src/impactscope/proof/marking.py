@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from .effect import DRY_FRICTIONS
 from .evidence_map import BIN
 
 __all__ = ['DETECTABLE', 'Mark', 'mark', 'truths']
@@ -52,10 +53,7 @@ class Mark:
     coloured: bool = False  # whether the noise is not white
 
 
-_FAMILY = {
-    'asymmetric_friction': 'coulomb_friction',
-    'stribeck_friction': 'coulomb_friction',
-}
+_FAMILY = dict.fromkeys(DRY_FRICTIONS, DRY_FRICTIONS[0])
 
 
 def truths(answer: Mapping[str, Any]) -> list[Mapping[str, Any]]:
