@@ -25,6 +25,7 @@ from impactscope.discrepancy.driven.noise.coloured_noise import Colour
 from impactscope.discrepancy.driven.noise.kalman_whitening import HammerForce, Whitener, whitener
 from impactscope.discrepancy.driven.systems.case import Case
 from impactscope.discrepancy.evidence import noise_std
+from impactscope.discrepancy.parallel import in_parallel
 
 __all__ = ['knowing_noise_of_the_force']
 
@@ -101,12 +102,14 @@ def _levels(segments: Sequence[Segment], made: Fit) -> tuple[_Noise, float]:
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
 
     def cost(numbers: Array) -> float:
-        noise, total = _Noise.of(numbers), 0.0
-        for i in fitted:
+        noise = _Noise.of(numbers)
+
+        def of(i: int) -> float:
             filtering = _whitener(made, segments[i], noise)
             white = filtering(made.residuals[i])
-            total += float(white @ white) + filtering.logarithm()
-        return total
+            return float(white @ white) + filtering.logarithm()
+
+        return sum(in_parallel(of, fitted))
 
     left = np.concatenate([made.residuals[i] for i in fitted])
     rough = float(np.sqrt(np.mean(left**2)))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -502,16 +502,18 @@ class Search:
     def _restarted(self, without: Fit, candidate: Candidate, looks: int) -> list[Found]:
         """A candidate fitted jointly from each of its starts."""
         screening = Screening(without)
-        found = []
-        for start in candidate.starts[:6]:
+
+        def fitted(start: Mapping[str, float]) -> Found | None:
             model = candidate.extend(without.model)
             trial = Trial(candidate, 0.0, model, screening.vector(model, start))
             try:
                 joint = fit(model, without.layout, screening.scaled(trial).x, iterations=12)
             except ImpactscopeError:
-                continue
-            found.append(weigh(candidate, joint, without, looks))
-        return found
+                return None
+            return weigh(candidate, joint, without, looks)
+
+        tried = in_parallel(fitted, candidate.starts[:6])
+        return [f for f in tried if f is not None]
 
     def _look_ahead(self, good: Sequence[Found]) -> Found:
         """Of the best first steps, the one from which the next step leads furthest."""

@@ -9,7 +9,6 @@ frequency is scanned.
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -35,6 +34,9 @@ _OTHER_VALUES = 'other values of what was found'
 _ALONE, _ALONE_FREQUENCY = (1.6,), (1.12,)  # factors on a number, to either side
 _ALONG, _ALONG_FREQUENCY = (1.6,), (1.7, 2.9)  # the same, the others moved along
 _BETTER = 0.1  # of chi-square
+_HEAT, _ROUGHLY = 10, 1.0  # iterations of a fit from each start, and the fall at which it ends
+_BEHIND = 100.0  # of chi-square, over the reduced one, from which no end makes up for it
+_LAST, _SETTLED = 25, 0.1  # the same of fits that are brought to their end
 _NEAR = 0.2  # change of a logarithm, up to which slopes serve for another start
 _OPEN = 8.0  # of chi-square, over the reduced one, up to which a mode is not excluded
 _ALIKE = 0.3  # standard deviations, between two fits that are one
@@ -78,20 +80,19 @@ def other_modes(
         for number in candidate.free
         if number.logarithmic and number.blow is None and number.key not in candidate.amplitudes
     ]
-    found = [final]
+    begins: list[tuple[Array, Fit | None]] = []
     for key in keys:
         for x in _starts(final, key):
-            if not time_left(_OTHER_VALUES):
-                break
             near = final if float(np.max(np.abs(x - final.x))) < _NEAR else None
-            with contextlib.suppress(ImpactscopeError):
-                found.append(fit(final.model, final.layout, x, settled=0.1, near=near))
-    for values in further:
-        if not time_left(_OTHER_VALUES):
-            break
-        x = final.model.vector({**final.values, **values})
-        with contextlib.suppress(ImpactscopeError):
-            found.append(fit(final.model, final.layout, x, settled=0.1))
+            begins.append((x, near))
+    begins += [(final.model.vector({**final.values, **values}), None) for values in further]
+    found = [final]
+    if begins and time_left(_OTHER_VALUES):
+        rough = in_parallel(lambda b: _fitted(final, b[0], b[1], _ROUGHLY, _HEAT), begins)
+        most = final.chi_square + _BEHIND * max(1.0, final.reduced)
+        ahead = [f for f in rough if f is not None and f.chi_square < most]
+        ends = in_parallel(lambda f: _fitted(final, f.x, None, _SETTLED, _LAST), ahead)
+        found += [f for f in ends if f is not None]
     best = min(found, key=lambda f: f.chi_square)
     if best.chi_square > final.chi_square - _BETTER:
         best = final
@@ -103,6 +104,13 @@ def other_modes(
         if not any(_same(mode, other, keys) for other in (best, *modes)):
             modes.append(mode)
     return best, modes
+
+
+def _fitted(final: Fit, x: Array, near: Fit | None, enough: float, iterations: int) -> Fit | None:
+    try:
+        return fit(final.model, final.layout, x, settled=enough, near=near, iterations=iterations)
+    except ImpactscopeError:
+        return None
 
 
 def _starts(final: Fit, key: str) -> Iterator[Array]:
