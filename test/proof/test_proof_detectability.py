@@ -6,6 +6,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from impactscope.errors import InputError
+from impactscope.proof import draw as proof_draw
 from impactscope.proof.bench import BENCH, Pulse
 from impactscope.proof.conditions import draw_scenario
 from impactscope.proof.detectability import Freedom, samples
@@ -165,11 +166,15 @@ def test_nearly_even_friction_cannot_be_told_from_even_friction(freedom):
     assert 'hardening_spring' not in near
 
 
-def test_a_friction_that_bounces_amplify_is_compared_at_the_strength_it_has():
+def test_a_friction_that_bounces_amplify_is_compared_at_the_strength_it_has(monkeypatch):
     """Linear re-tuning calls it ten times as strong as it is: it looked like nothing else."""
+    asked = {}
+    monkeypatch.setattr(proof_draw, 'alternatives', lambda *a, **k: asked.update(a=a, k=k) or {})
     hidden = draw(np.random.default_rng([251541647281852, 87]))
     assert [p.name for p in hidden.parts] == ['asymmetric_friction']
-    assert hidden.confusable['coulomb_friction'] < CONFUSABLE
+    monkeypatch.setattr(proof_draw, 'EFFECTS', [effect('coulomb_friction')])
+    assert alternatives(*asked['a'], **{**asked['k'], 'kin': ()}) == {}
+    assert alternatives(*asked['a'], **asked['k'])['coulomb_friction'] < CONFUSABLE
 
 
 def test_nothing_left_looks_like_nothing(freedom):
