@@ -11,10 +11,13 @@ from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.candidates.candidate import contains
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.data.blows import prepare
-from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
+from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline, follow
 from impactscope.discrepancy.impact.fits.least_squares import fit
 from impactscope.discrepancy.impact.models.baseline import baseline_model
-from impactscope.discrepancy.impact.search.fuller_forms import law_that_contains
+from impactscope.discrepancy.impact.search.fuller_forms import (
+    law_in_place_of_two,
+    law_that_contains,
+)
 from impactscope.discrepancy.impact.search.outcome import Found, Outcome
 from impactscope.discrepancy.impact.search.strong_effects import with_its_numbers
 from impactscope.physics.twin.assembly import Effect
@@ -115,3 +118,44 @@ def test_plain_friction_stays_where_no_fuller_law_explains_more(plainly_found):
     outcome = plainly_found(Effect('coulomb_friction', {'force': 1.0}))
     assert law_that_contains(outcome.final, outcome, (), 1e-3) is None
     assert [c.name for c in outcome.accepted] == ['coulomb_friction']
+
+
+HIGHER_AT_REST = {'static_force': 1.05, 'kinetic_force': 1.0, 'speed': 0.02}
+BOTH = ['coulomb_friction', 'quadratic_damping']
+
+
+@pytest.mark.parametrize(
+    ('truth', 'accepted'),
+    [
+        ([Effect('stribeck_friction', HIGHER_AT_REST)], ['stribeck_friction']),
+        (
+            [
+                Effect('coulomb_friction', {'force': 1.0}),
+                Effect('quadratic_damping', {'coefficient': 2.0}),
+            ],
+            BOTH,
+        ),
+    ],
+)
+def test_one_law_stands_in_the_place_of_two_that_explain_no_more(make_campaign, truth, accepted):
+    """What is left of a friction that is higher at rest looks like damping."""
+    campaign = make_campaign(203, truth)
+    baseline = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    listed = {c.label: c for c in candidates(baseline, ())}
+    both = [listed[name] for name in BOTH]
+    plain = both[0].extend(baseline.model)
+    x = plain.vector({**baseline.values, 'coulomb_friction.force': 1.0})
+    alone = follow(fit(plain, plain.layout(baseline.layout.blows, 0.03), x))
+    model = both[1].extend(alone.model)
+    x = model.vector({**alone.values, 'quadratic_damping.coefficient': 0.05})
+    made = fit(model, alone.layout, x, iterations=30)
+    gain = alone.chi_square - made.chi_square
+    assert gain > 20.0
+    outcome = Outcome(baseline, made, list(both))
+    for candidate, evidence in zip(both, (1e3, gain), strict=True):
+        outcome.found[candidate.label] = Found(candidate, made, evidence, 0.0, -evidence)
+        outcome.rivals[candidate.label] = []
+    one = law_in_place_of_two(made, outcome, ())
+    assert [c.name for c in outcome.accepted] == accepted
+    assert (one is not None) is (len(accepted) == 1)
+    assert one is None or one.chi_square < made.chi_square

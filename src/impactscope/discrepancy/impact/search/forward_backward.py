@@ -34,7 +34,11 @@ from impactscope.discrepancy.impact.search.baseline_conventions import (
     other_conventions,
     with_conventions_of,
 )
-from impactscope.discrepancy.impact.search.fuller_forms import fuller, law_that_contains
+from impactscope.discrepancy.impact.search.fuller_forms import (
+    fuller,
+    law_in_place_of_two,
+    law_that_contains,
+)
 from impactscope.discrepancy.impact.search.held_out import check_held_out
 from impactscope.discrepancy.impact.search.joint_fits import LOST, JointFits
 from impactscope.discrepancy.impact.search.other_minima import other_modes, rung
@@ -168,6 +172,9 @@ class Search:
                 break  # what comes later only amplifies what is not understood
             sound = current if current.reduced < QUIET else None
         current = self._simpler(current, outcome)
+        if len(outcome.accepted) > 1 and time_left('one law in place of two effects'):
+            one = law_in_place_of_two(current, outcome, self.baseline_names)
+            current = current if one is None else one
         outcome.final = self._doubted(current, outcome)
         return self._finished(outcome)
 

@@ -21,11 +21,12 @@ from impactscope.discrepancy.impact.search.strong_effects import from_within
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import mechanism
 
-__all__ = ['fuller', 'law_that_contains']
+__all__ = ['fuller', 'law_in_place_of_two', 'law_that_contains']
 
 _STARTS = {'hold': (0.03, 0.1, 0.3), 'fall': (0.03, 0.15)}  # s
 _LONGEST = 10.0  # s
 _ITERATIONS = 12
+_SLIGHT = 1000.0  # of chi-square, that a finding in the place of a law's rest may explain
 
 
 def fuller(current: Fit, outcome: Outcome, false_finding: float, sound: Fit | None = None) -> Fit:
@@ -105,6 +106,60 @@ def law_that_contains(
             outcome.last = []
             outcome.tests = None
             return best.fit
+    return None
+
+
+def law_in_place_of_two(
+    current: Fit, outcome: Outcome, baseline_names: Sequence[str]
+) -> Fit | None:
+    """The fit with a law that contains a finding in place of it and of another one.
+
+    Friction that is higher at rest is found as plain friction first, and what is left of it then
+    looks like damping in the same place. The law must explain as much as both, and its numbers
+    cost less than theirs and the choice of a further effect. What was found is changed in
+    ``outcome``; None where there is no such law.
+    """
+    if len(outcome.accepted) < 2:
+        return None
+    listed = candidates(outcome.baseline, baseline_names)
+    samples = current.layout.size
+    names = {c.name for c in outcome.accepted}
+    for plain, other in itertools.permutations(outcome.accepted, 2):
+        first, beyond = (outcome.found.get(c.label) for c in (plain, other))
+        apart = other.subsystem != plain.subsystem or plain.channel or other.channel
+        if apart or len(plain.amplitudes) != 1 or not other.free:
+            continue
+        if first is None or beyond is None or beyond.gain > _SLIGHT:
+            continue  # what is left of a law is little beside what was found of it
+        without = outcome.baseline.model
+        for kept in outcome.accepted:
+            without = without if kept in (plain, other) else kept.extend(without)
+        gain = first.gain + beyond.gain
+        price = plain.price(first.gain, samples) + other.price(beyond.gain, samples)
+        price += 2.0 * math.log(len(listed))
+        best: Found | None = None
+        for law in listed:
+            if not contains(law, plain) or law.name in names:
+                continue
+            made = from_within(current, without, plain, law)
+            if made is None:
+                continue
+            criterion = law.price(gain, samples) - evidence_for(made, current)
+            if criterion < min(price, math.inf if best is None else best.criterion):
+                best = Found(law, made, gain, first.p_value, criterion)
+        if best is None:
+            continue
+        label = best.candidate.label
+        outcome.accepted = [c for c in outcome.accepted if c not in (plain, other)]
+        outcome.accepted.append(best.candidate)
+        rivals = [outcome.found.pop(plain.label), *outcome.rivals.pop(plain.label, [])]
+        del outcome.found[other.label]
+        outcome.rivals.pop(other.label, None)
+        outcome.rivals[label] = [f for f in rivals if f.candidate.label != label]
+        outcome.found[label] = dataclasses.replace(best, criterion=best.criterion - gain)
+        outcome.last = []
+        outcome.tests = None
+        return best.fit
     return None
 
 
