@@ -29,6 +29,7 @@ __all__ = [
     'exact_slope',
     'exact_slopes',
     'fit',
+    'fits_from',
     'jacobian',
     'projector',
     'settled',
@@ -370,6 +371,31 @@ def fit(
                 converged = True
                 break
     return Fit(model, layout, x, residuals, cost, converged, None if updates else slopes)
+
+
+def fits_from(
+    model: ImpactModel,
+    layout: Layout,
+    starts: Sequence[Array],
+    *,
+    settled: float,
+    iterations: int,
+    near: Sequence[Fit | None] = (),
+) -> list[Fit]:
+    """Fits from several starts side by side, without those that cannot be simulated.
+
+    ``near``: for each start a fit close by, or None; see :func:`fit` for the rest.
+    """
+
+    def fitted(start: tuple[Array, Fit | None]) -> Fit | None:
+        x, close = start
+        try:
+            return fit(model, layout, x, settled=settled, iterations=iterations, near=close)
+        except ImpactscopeError:
+            return None
+
+    pairs = list(zip(starts, near or [None] * len(starts), strict=True))
+    return [f for f in in_parallel(fitted, pairs) if f is not None]
 
 
 def _within(

@@ -20,7 +20,13 @@ from impactscope.discrepancy.evidence import Thresholds, least_gain
 from impactscope.discrepancy.impact.candidates.candidate import Candidate, stronger
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.candidates.channel_effects import delays_like
-from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, fit, settled
+from impactscope.discrepancy.impact.fits.least_squares import (
+    Fit,
+    at_point,
+    fit,
+    fits_from,
+    settled,
+)
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
 from impactscope.discrepancy.impact.search.outcome import QUIET, Found, settled_without, weigh
 from impactscope.discrepancy.impact.search.returns import from_return
@@ -289,17 +295,11 @@ class JointFits:
 
 def _raced(model: ImpactModel, current: Fit, begins: Sequence[Array]) -> list[Fit]:
     """Fits from several starts, of which the best few go to their end."""
-
-    def fitted(x: Array, iterations: int, enough: float) -> Fit | None:
-        try:
-            return fit(model, current.layout, x, settled=enough, iterations=iterations)
-        except ImpactscopeError:
-            return None
-
-    rough = in_parallel(lambda x: fitted(x, _HEAT, _ROUGHLY), begins)
-    ahead = sorted((f for f in rough if f is not None), key=lambda f: f.chi_square)[:_AHEAD]
-    final = in_parallel(lambda f: fitted(f.x, _LAST, 0.1), ahead)
-    return [f for f in (*ahead, *final) if f is not None]
+    layout = current.layout
+    rough = fits_from(model, layout, begins, settled=_ROUGHLY, iterations=_HEAT)
+    ahead = sorted(rough, key=lambda f: f.chi_square)[:_AHEAD]
+    ends = fits_from(model, layout, [f.x for f in ahead], settled=0.1, iterations=_LAST)
+    return [*ahead, *ends]
 
 
 def _begins(

@@ -20,11 +20,10 @@ from scipy import stats
 from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.candidates.motion_scales import LARGEST_FREQUENCY
-from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
+from impactscope.discrepancy.impact.fits.least_squares import Fit, fits_from
 from impactscope.discrepancy.impact.search.screening import Screening
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left
-from impactscope.errors import ImpactscopeError
 
 __all__ = ['other_modes', 'rung', 'widened']
 
@@ -80,19 +79,17 @@ def other_modes(
         for number in candidate.free
         if number.logarithmic and number.blow is None and number.key not in candidate.amplitudes
     ]
-    begins: list[tuple[Array, Fit | None]] = []
-    for key in keys:
-        for x in _starts(final, key):
-            near = final if float(np.max(np.abs(x - final.x))) < _NEAR else None
-            begins.append((x, near))
-    begins += [(final.model.vector({**final.values, **values}), None) for values in further]
+    starts = [x for key in keys for x in _starts(final, key)]
+    near = [final if float(np.max(np.abs(x - final.x))) < _NEAR else None for x in starts]
+    starts += [final.model.vector({**final.values, **values}) for values in further]
+    near += [None] * len(further)
     found = [final]
-    if begins and time_left(_OTHER_VALUES):
-        rough = in_parallel(lambda b: _fitted(final, b[0], b[1], _ROUGHLY, _HEAT), begins)
+    if starts and time_left(_OTHER_VALUES):
+        model, layout = final.model, final.layout
+        rough = fits_from(model, layout, starts, settled=_ROUGHLY, iterations=_HEAT, near=near)
         most = final.chi_square + _BEHIND * max(1.0, final.reduced)
-        ahead = [f for f in rough if f is not None and f.chi_square < most]
-        ends = in_parallel(lambda f: _fitted(final, f.x, None, _SETTLED, _LAST), ahead)
-        found += [f for f in ends if f is not None]
+        ahead = [f.x for f in rough if f.chi_square < most]
+        found += fits_from(model, layout, ahead, settled=_SETTLED, iterations=_LAST)
     best = min(found, key=lambda f: f.chi_square)
     if best.chi_square > final.chi_square - _BETTER:
         best = final
@@ -104,13 +101,6 @@ def other_modes(
         if not any(_same(mode, other, keys) for other in (best, *modes)):
             modes.append(mode)
     return best, modes
-
-
-def _fitted(final: Fit, x: Array, near: Fit | None, enough: float, iterations: int) -> Fit | None:
-    try:
-        return fit(final.model, final.layout, x, settled=enough, near=near, iterations=iterations)
-    except ImpactscopeError:
-        return None
 
 
 def _starts(final: Fit, key: str) -> Iterator[Array]:
