@@ -1,11 +1,16 @@
 """When held-out recordings contradict a finding, or speak for another one."""
 
+import dataclasses
 import math
 from types import SimpleNamespace
 
 import pytest
 
 from impactscope.discrepancy.evidence import Thresholds
+from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.explain import _met_together
+from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline, held_out_fit
+from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.discrepancy.impact.search import held_out
 from impactscope.discrepancy.impact.search.outcome import Found, Outcome
 
@@ -99,3 +104,21 @@ def test_what_cannot_be_compared_takes_no_place(monkeypatch, bad):
     )
     held_out.check_held_out(outcome, Thresholds(), 3)
     assert [c.label for c in outcome.accepted] == ['coulomb_friction']
+
+
+def test_what_one_set_of_numbers_meets_is_not_missing(make_campaign):
+    """A prediction that bounces amplify may miss; a reading 20 % off is met by none."""
+    campaign = make_campaign(20)
+    data = prepare(campaign)
+    baseline = fit_baseline(baseline_model(campaign, data))
+    held = held_out_fit(baseline, data.held_out)
+    assert _met_together(baseline, held, 1.2)
+    blows = list(held.model.data.blows)
+    for i in data.held_out:
+        channels = dict(blows[i].channels)
+        means = 1.2 * channels['force'].means
+        channels['force'] = dataclasses.replace(channels['force'], means=means)
+        blows[i] = dataclasses.replace(blows[i], channels=channels)
+    bent = dataclasses.replace(held.model.data, blows=tuple(blows))
+    model = dataclasses.replace(held.model, data=bent)
+    assert not _met_together(baseline, dataclasses.replace(held, model=model), 1.2)
