@@ -185,16 +185,16 @@ def _memory(p: _Plate, xs: Sequence[Array], vs: Sequence[Array]) -> Iterator[Gro
     turn = 2j * math.pi * np.fft.rfftfreq(length, p.period) / p.natural
     turn[0] = NEAR
     spectra = [np.fft.rfft(x, length) for x in xs]
-    for tried in (0.25, 0.5, 0.75, 1.5):
 
-        def columns(shape: Array) -> list[Array]:
-            risen = turn ** math.exp(shape[0])
-            forces = [
-                np.fft.irfft(s * risen, length)[: x.size] for s, x in zip(spectra, xs, strict=True)
-            ]
-            return [p.answer(forces)]
+    def columns(shape: Array) -> list[Array]:
+        risen = turn ** math.exp(shape[0])
+        forces = [
+            np.fft.irfft(s * risen, length)[: x.size] for s, x in zip(spectra, xs, strict=True)
+        ]
+        return [p.answer(forces)]
 
-        start = math.log(tried)
+    for order in (0.25, 0.5, 0.75, 1.5):
+        start = math.log(order)
         yield Group(
             'damping of fractional order',
             columns(np.array([start])),

@@ -21,6 +21,7 @@ from scipy import linalg, optimize, stats
 from impactscope.discrepancy.driven.fits.innovations import innovations
 from impactscope.discrepancy.driven.fits.linearisation import Linearisation, linearised
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
+from impactscope.discrepancy.driven.model_selection.chi_square import LOOKS as EFFECTS
 from impactscope.discrepancy.driven.model_selection.chi_square import slight
 from impactscope.discrepancy.driven.model_selection.overdispersion import levels_above, worth_of
 from impactscope.discrepancy.driven.models.model import Model, Segment
@@ -52,7 +53,6 @@ MARGIN = 10.0  # chi-square by which a law beyond the vocabulary must be the bet
 # share of what a law explains alone, by which a finding and a law beside it must explain more to
 # stand together
 FAR_MORE = 0.1
-CHOICES = 60  # independent effects, about, of which each of several was chosen
 
 
 class Shaped(NamedTuple):
@@ -294,12 +294,12 @@ def verdict(
     ahead = min(ahead, equivalent_gain(plain, alone.numbers) - equivalent_gain(gain[1], added))
     # a law is paid for by its looks; of several effects each was chosen among many, too
     several = len(best.terms) - len(baseline.terms) - 1
-    ahead += 2.0 * math.log(CHOICES) * max(several, 0) - MARGIN
+    ahead += 2.0 * math.log(EFFECTS) * max(several, 0) - MARGIN
     needed = beside.p_value < BESIDE and beside.gain > slight(best) * gain[0]
+    together = needed and gain[0] + beside.gain > (1.0 + FAR_MORE) * alone.gain
     # one law as good as several effects is the likelier one
-    clearly = ahead > 0.0 and (ahead > MARGIN or several > 0 or beside.worth > MARGIN)
-    if needed and gain[0] + beside.gain > (1.0 + FAR_MORE) * alone.gain:
-        clearly = False  # a finding and a law together tell far more than that law alone
+    far = ahead > MARGIN or several > 0 or beside.worth > MARGIN
+    clearly = ahead > 0.0 and far and not together
     same = alone.law.partition(' at ')[0] == beside.law.partition(' at ')[0]
     instead = clearly or (needed and same and ahead > -MARGIN)
     left = instead or needed

@@ -22,6 +22,7 @@ from impactscope.discrepancy.driven.models.terms import key
 from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
 
 __all__ = [
+    'LOOKS',
     'OWN',
     'PRICE',
     'NoiseJudge',

@@ -332,12 +332,9 @@ class ImpactModel:
             same = self.whiteners.get(key)
             known = same[0] if same is not None else None
             if known is None:
-                centres, counts, std = (
-                    channel.centres[mask],
-                    channel.counts[mask],
-                    channel.std[mask],
+                known = whitener(
+                    channel.colour, channel.centres[mask], channel.counts[mask], channel.std[mask]
                 )
-                known = whitener(channel.colour, centres, counts, std)
             kept = known, mask, channel.std  # held, so that no other array takes its place
             self.whiteners.keep(key, kept)
             self.whiteners.keep(place, kept)

@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import signal
 
@@ -172,7 +171,7 @@ def _low_pass(samples: Array, rate: float, numbers: Mapping[str, float]) -> Arra
     sections, rest = _sections(round(numbers['order']), numbers['cutoff'], rate)
     if numbers['zero_phase'] > 0.5:
         return np.asarray(signal.sosfiltfilt(sections, samples))
-    return np.asarray(_sectioned(samples, sections, rest, 0.0))
+    return np.asarray(signal.sosfilt(sections, samples, zi=rest * samples[0])[0])
 
 
 def _ahead(course: Array, rate: float, numbers: Mapping[str, float]) -> Array:
@@ -192,28 +191,9 @@ def _ahead(course: Array, rate: float, numbers: Mapping[str, float]) -> Array:
 
 def _one_way(course: Array, rate: float, numbers: Mapping[str, float]) -> Array:
     sections, rest, arcs = _analogue(round(numbers['order']), numbers['cutoff'] / rate)
-    return np.asarray(_sectioned(course, sections, rest, arcs))
-
-
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _sectioned(course: Array, sections: Array, rest: Array, arcs: float) -> Array:
-    """A course less a share of its arcs, through a filter's sections from rest at its start.
-
-    In one pass and without a lock, where several threads would wait for each other.
-    """
-    state = rest * course[0]
-    out = np.empty(course.size)
-    for i in range(course.size):
-        value = course[i]
-        if 0 < i < course.size - 1:
-            value -= arcs * (course[i + 1] - 2.0 * course[i] + course[i - 1])
-        for j in range(sections.shape[0]):
-            passed = sections[j, 0] * value + state[j, 0]
-            state[j, 0] = sections[j, 1] * value - sections[j, 4] * passed + state[j, 1]
-            state[j, 1] = sections[j, 2] * value - sections[j, 5] * passed
-            value = passed
-        out[i] = value
-    return out
+    straight = course.copy()
+    straight[1:-1] -= arcs * np.diff(course, 2)
+    return np.asarray(signal.sosfilt(sections, straight, zi=rest * straight[0])[0])
 
 
 @functools.lru_cache(maxsize=64)
