@@ -98,12 +98,16 @@ def test_what_rings_far_up_is_sought_along_the_valley_of_its_stiffness(monkeypat
     final = Fit(model, layout, np.zeros(2), np.zeros(SIZE + 2), 100.0, True, slopes)
     tried = []
 
-    def barely_moving(model, layout, x, **_):
-        tried.append(x)
+    def ended(x):
         lower = 50.0 if abs(x[0] + math.log(2.9)) < 0.05 and abs(x[1] + 2 * x[0]) < 0.1 else 100.0
         return Fit(model, layout, x, np.zeros(SIZE + 2), lower, True, slopes)
 
-    monkeypatch.setattr('impactscope.discrepancy.impact.search.other_minima.fit', barely_moving)
+    def barely_moving(model, layout, starts, **_):
+        tried.extend(starts)
+        return [ended(x) for x in starts]
+
+    searched = 'impactscope.discrepancy.impact.search.other_minima'
+    monkeypatch.setattr(f'{searched}.fits_from', barely_moving)
     finding = SimpleNamespace(free=free, channel='', amplitudes={'f.mass': math.inf})
     best, _ = other_modes(final, [finding])
     assert best.chi_square == 50.0
