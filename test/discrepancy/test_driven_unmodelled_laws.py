@@ -8,6 +8,7 @@ import pytest
 from impactscope.discrepancy.driven.adequacy import unmodelled_laws as module
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import (
     LOOKS,
+    Group,
     UnmodelledLaw,
     _of_many,
     unmodelled_laws,
@@ -29,6 +30,10 @@ def left(size):
 
 
 def lines(residuals, filters):
+    return beside(residuals, filters, ())
+
+
+def beside(residuals, filters, laws):
     segments = [
         Segment(f'r{i}', 'x', 'm', False, 0.0, PERIOD, r, np.zeros(0), whitener=f)
         for i, (r, f) in enumerate(zip(residuals, filters, strict=True))
@@ -36,7 +41,7 @@ def lines(residuals, filters):
     none = np.zeros(0)
     made = Fit((), {}, {}, (none, none), tuple(residuals), 0)
     model = SimpleNamespace(numbers=(), terms=(), starts=lambda _: (), drifts=True)
-    return unmodelled_laws(lambda *_: iter(()), model, made, segments)
+    return unmodelled_laws(lambda *_: iter(laws), model, made, segments)
 
 
 def test_a_line_in_the_spectrum_is_told():
@@ -54,6 +59,18 @@ def test_no_line_is_sought_where_an_encoder_steps(coarse):
     steps = stepped(STEP * np.rint(residuals[coarse] / STEP), 0.4 * STEP, STEP)
     assert steps is not None
     assert lines(residuals, [steps, white] if coarse == 0 else [white, steps]) == []
+
+
+@pytest.mark.parametrize(('levels', 'differ'), [((0.1, 0.1), False), ((0.1, -0.1), True)])
+def test_what_is_alike_in_all_recordings_does_not_differ_between_them(levels, differ):
+    """One of them that a held-out recording contradicts is nothing of which each has its own."""
+    rng = np.random.default_rng(3)
+    white = whitening(np.full(1025, 1.0))
+    ones = np.ones(SAMPLES)
+    rows = [np.kron(unit, ones) for unit in np.eye(2)]
+    law = Group('an offset that differs between recordings', rows, differs=True)
+    found = beside([x + rng.standard_normal(SAMPLES) for x in levels], [white, white], [law])
+    assert any(f.law == law.law for f in found) is differ
 
 
 def test_few_samples_do_not_make_a_law():

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from impactscope.discrepancy.driven.adequacy.unmodelled_laws import Group, Shaped
+from impactscope.discrepancy.driven.adequacy.unmodelled_laws import Group, Shaped, contrasts
 from impactscope.discrepancy.driven.fits.innovations import each_alone, joined
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.models.model import Model, Segment
@@ -81,9 +81,11 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
         if not (coloured and name in STAIRS):
             yield Group(name, [column(parts)])
     if len(chosen) > 1:
-        yield Group('a gain that differs between recordings', _contrasts(alone(outputs)))
-        yield Group('an offset that differs between recordings', alone(ones))
-        yield Group('a drift that differs between recordings', alone(times))
+        # where a gain of all recordings is fitted it is fitted to what both channels tell, from
+        # which the prediction differs by noise that is in the residual
+        yield Group('a gain that differs between recordings', contrasts(alone(outputs)))
+        yield Group('an offset that differs between recordings', alone(ones), differs=True)
+        yield Group('a drift that differs between recordings', alone(times), differs=True)
     for mains in MAINS:
         if mains * chosen[0].period < 0.45:
             yield Group(
@@ -133,17 +135,6 @@ def _ringing(
 
 def _told(shape: Array) -> str:
     return f'{RESONANCE} at {math.exp(shape[0]):.3g} Hz'
-
-
-def _contrasts(rows: Sequence[Array]) -> list[Array]:
-    """What differs between rows, without what they have in common.
-
-    A gain of all recordings is no such law; and where one is fitted it is fitted to what both
-    channels tell, from which the prediction differs by noise that is in the residual.
-    """
-    total = np.sum(rows, axis=0)
-    power = float(total @ total) or 1.0
-    return [row - (row @ total) / power * total for row in rows[:-1]]
 
 
 def _by_sign(outputs: Sequence[Array]) -> list[Array]:

@@ -109,13 +109,20 @@ def plate_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
     times: list[Array] = [p.period * np.arange(x.size, dtype=np.float64) for x, _ in p.motions]
     xs, vs = [x for x, _ in p.motions], [v for _, v in p.motions]
     each = list(p.alone(xs, force=True))
-    yield Group('a stiffness that differs between recordings', each)
-    yield Group('a damping that differs between recordings', list(p.alone(vs, force=True)))
+    yield Group('a stiffness that differs between recordings', each, differs=True)
+    yield Group(
+        'a damping that differs between recordings', list(p.alone(vs, force=True)), differs=True
+    )
     signs = [np.sign(v) for v in vs]
-    yield Group('a friction that differs between recordings', list(p.alone(signs, force=True)))
+    yield Group(
+        'a friction that differs between recordings',
+        list(p.alone(signs, force=True)),
+        differs=True,
+    )
     yield Group(
         'an offset that differs between recordings',
         list(p.alone([np.ones(x.size) for x in xs], force=False)),
+        differs=True,
     )
     yield Group(
         'a stiffness that changes in time',

@@ -56,11 +56,15 @@ def prescribed_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Ite
     ):
         yield Group(name, [column(parts)])
     if len(chosen) > 1:
-        yield Group('a stiffness that differs between recordings', alone(xs))
-        yield Group('a damping that differs between recordings', alone(vs))
-        yield Group('a friction that differs between recordings', alone([np.sign(v) for v in vs]))
+        yield Group('a stiffness that differs between recordings', alone(xs), differs=True)
+        yield Group('a damping that differs between recordings', alone(vs), differs=True)
+        yield Group(
+            'a friction that differs between recordings',
+            alone([np.sign(v) for v in vs]),
+            differs=True,
+        )
         ones = [np.ones(x.size) for x in xs]
-        yield Group('an offset that differs between recordings', alone(ones))
+        yield Group('an offset that differs between recordings', alone(ones), differs=True)
     rate = speed / position
     for ratio in MEMORIES:
         late = []

@@ -34,6 +34,7 @@ __all__ = [
     'Laws',
     'UnmodelledLaw',
     'Verdict',
+    'contrasts',
     'equivalent_gain',
     'fitted_numbers',
     'unmodelled_laws',
@@ -70,6 +71,7 @@ class Group(NamedTuple):
     columns: list[Array]
     looks: int = LOOKS  # independent laws of which it is the best; more than LOOKS where sought
     shaped: Shaped | None = None  # where it goes on between the shapes that are tried first
+    differs: bool = False  # a column for each recording, which must differ to be such a law
 
 
 Laws = Callable[[Model, Fit, Sequence[Segment]], Iterator[Group]]
@@ -155,7 +157,9 @@ def unmodelled_laws(
         found.append(new)
 
     shapes: dict[str, tuple[float, Shaped]] = {}  # by the law, the best start
-    for law, columns, looks, shaped in laws(model, made, segments):
+    for law, columns, looks, shaped, differs in laws(model, made, segments):
+        if differs and not _differ(here, columns, looks):
+            continue
         new = _beside(here, sizes, law, columns, looks)
         if new is None:
             continue
@@ -191,6 +195,25 @@ def _beside(
     if UnmodelledLaw(law, gain, rank, looks=looks).p_value < FALSE:
         gain = min(_worth(here.residual, column, sizes), _of_many(here.residual, column))
     return UnmodelledLaw(law, gain, rank, column, plain, looks)
+
+
+def contrasts(rows: Sequence[Array]) -> list[Array]:
+    """What differs between rows of equal length, without what they have in common."""
+    total = np.sum(rows, axis=0)
+    power = float(total @ total) or 1.0
+    return [row - (row @ total) / power * total for row in rows[:-1]]
+
+
+def _differ(here: Linearisation, columns: Sequence[Array], looks: int) -> bool:
+    """Whether recordings differ by a law; what they have in common is an effect of the library."""
+    if len(columns) < 2:
+        return False
+    rows = np.stack(contrasts(columns))
+    size = np.linalg.norm(rows, axis=1)
+    if not np.all(np.isfinite(size)) or not np.all(size > 0.0):
+        return False
+    gain, rank, _ = _gain(here, rows / size[:, None])
+    return UnmodelledLaw('', gain, max(rank, 1), looks=looks).p_value < FALSE
 
 
 def _shaped(here: Linearisation, sizes: Sequence[int], shaped: Shaped) -> list[UnmodelledLaw]:

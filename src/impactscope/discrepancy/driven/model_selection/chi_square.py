@@ -46,7 +46,7 @@ BETWEEN = 0.01
 # one to the other is no error of a law
 SOUND, UNSOUND = 1.5, 3.0
 DELAYING = ('low_pass_filter', 'clock_error')
-AT_THE_END = 1.02  # of the least that a number may be
+AT_THE_END = 0.003  # of the logarithm of a number's range, from the least that it may be
 NEVER = 1e12  # chi-square that no gain makes up for
 LOOKS = 60  # independent candidates, about
 
@@ -65,7 +65,7 @@ def degenerate(made: Fit) -> bool:
     what it held of the time before is a level of each recording, which slow noise has as well.
     """
     return any(
-        n.lower > 0.0 and made.values[key(t, n)] < AT_THE_END * n.lower
+        n.lower > 0.0 and made.values[key(t, n)] < n.lower * (n.upper / n.lower) ** AT_THE_END
         for t in made.terms
         if t.own
         for n in t.numbers

@@ -13,6 +13,7 @@ __all__ = ['MAINS', 'ORDERS', 'channel_terms']
 ORDERS = (1, 2, 3, 4, 5, 6, 7, 8)
 ORDERS_SEEN_FROM_FAR = (1, 2)  # of filters without delay, from far below the cut-off
 MAINS = (50.0, 60.0)  # Hz
+MAINS_VARIATION = 0.01  # EN 50160: of the frequency of an interconnected grid, either way
 HARMONICS = (2, 3)
 CLOCKS = 1e-3  # largest drift of a clock that is looked for
 FADES = 0.003  # least corner times recording of a coupling with a memory of its own
@@ -204,8 +205,10 @@ def channel_terms(
     )
     for mains in MAINS:
         if mains < 0.45 * rate:
-            near = tuple(mains + 0.25 * k / longest for k in range(-4, 5))
-            line = Number('frequency', 'Hz', near, 0.1 / longest, 0.97 * mains, 1.03 * mains)
+            lower, upper = (1.0 - MAINS_VARIATION) * mains, (1.0 + MAINS_VARIATION) * mains
+            spaced = (mains + 0.25 * k / longest for k in range(-4, 5))
+            near = tuple(f for f in spaced if lower <= f <= upper)
+            line = Number('frequency', 'Hz', near, 0.1 / longest, lower, upper)
             orders = ('', *(f'_{k}' for k in HARMONICS if k * mains < 0.45 * rate))
             for several in (False, True) if len(orders) > 1 else (False,):
                 names = [f'amplitude{k}' for k in (orders if several else orders[:1])]
