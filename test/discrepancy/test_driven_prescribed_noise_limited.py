@@ -34,10 +34,17 @@ def motions(still=0.0):
         yield time, x, v
 
 
-def campaign(seed, more=lambda i, t, x, v: 0.0, known=(), still=0.0):
+def then_farther():
+    """The same fitted motions; the one that is held out goes six times as far."""
+    time, x, v = list(motions())[2]
+    yield from list(motions())[:2]
+    yield time, 6.0 * x, 6.0 * v
+
+
+def campaign(seed, more=lambda i, t, x, v: 0.0, known=(), still=0.0, courses=motions):
     rng = np.random.default_rng(seed)
     entries, channels = [], {}
-    for i, (time, x, v) in enumerate(motions(still)):
+    for i, (time, x, v) in enumerate(courses(still) if still else courses()):
         force = STIFFNESS * x + DAMPING * v + more(i, time, x, v)
         force = force + NOISE * rng.standard_normal(SAMPLES)
         moved = x + 0.05 * NOISE / STIFFNESS * rng.standard_normal(SAMPLES)
@@ -116,6 +123,15 @@ def test_friction_turns_with_the_speed():
     assert answer.accepted == ('coulomb_friction',)
     found = answer.ranking[0].parameters['force']
     assert abs(found.value - 0.1) < 4.0 * found.std
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_what_only_a_recording_held_out_shows_clearly_is_sought(seed):
+    """A hardening of 30 mN among 200 N of fitted motions, and of 5 N in one that goes farther."""
+    answer = explain_driven(campaign(seed, lambda i, t, x, v: 3e4 * x**3, courses=then_farther))
+    assert answer.accepted == ('hardening_spring',)
+    found = answer.ranking[0].parameters['cubic']
+    assert abs(found.value - 3e4) < 4.0 * found.std
 
 
 @pytest.mark.parametrize('seed', [13, 31])

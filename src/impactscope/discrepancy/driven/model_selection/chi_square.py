@@ -140,12 +140,19 @@ class NoiseJudge(Judge):
         plain = [float(old @ old - new @ new) for _, old, new in parts]
         before, after = [old for _, old, _ in parts], [new for _, _, new in parts]
         true = worth_of(before, after, [s.channel for s in self.segments])
-        lost = [(s.held_out, p - t) for (s, _, _), p, t in zip(parts, plain, true, strict=True)]
-        return dataclasses.replace(
-            gain,
-            fitted=gain.fitted - math.fsum(x for held, x in lost if not held),
-            held_out=gain.held_out - math.fsum(x for held, x in lost if held),
-        )
+
+        def total(of: Sequence[float], held: bool) -> float:
+            return math.fsum(
+                x for (s, _, _), x in zip(parts, of, strict=True) if s.held_out is held
+            )
+
+        fitted = gain.fitted - total(plain, False) + total(true, False)
+        as_is, dispersed = total(plain, True), total(true, True)
+        if gain.held_out > 0.0 and as_is > 0.0:  # what is excused of one is so of the other
+            held_out = gain.held_out * min(dispersed / as_is, 1.0)
+        else:
+            held_out = gain.held_out - as_is + dispersed
+        return dataclasses.replace(gain, fitted=fitted, held_out=held_out)
 
     def needed(self, gain: Gain) -> float:
         """Gain from which the larger model is believed."""

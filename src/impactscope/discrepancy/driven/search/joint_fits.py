@@ -15,7 +15,7 @@ from impactscope.discrepancy.driven.fits.weighted_residuals import numbers_of
 from impactscope.discrepancy.driven.models.measuring_chain import filter_of
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Term, key
-from impactscope.discrepancy.driven.search.screening import screened
+from impactscope.discrepancy.driven.search.screening import HOPE, Prospect, prospects, screened
 
 __all__ = ['Fits', 'labels_of', 'measured_by']
 
@@ -53,6 +53,17 @@ class Fits:
         if not self.model.drifts:  # where errors add up they change
             count = len(numbers_of(self.model, self.baseline.terms))
             self.tuned = -self.here.slopes[:, :count]
+
+    def shown_by_all(self, base: Fit) -> list[Prospect]:
+        """What all recordings together, those held out among them, show beside a fit.
+
+        Slow or far motions may be in those held out alone; fitted it is to the others.
+        """
+        opened = [dataclasses.replace(s, held_out=False) for s in self.segments]
+        terms = {look.term.label: look.term for look in self.looks}
+        able = [t for t in terms.values() if all(t.stands_with(o) for o in base.terms)]
+        looks = screened(self.model, base, able, opened)
+        return [p for p in prospects(self.model, base, looks, opened) if p.gain >= HOPE]
 
     def make(
         self,

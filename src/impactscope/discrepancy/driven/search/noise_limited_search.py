@@ -55,6 +55,8 @@ NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the bes
 FAR = 10.0  # times the samples: chi-square from which a search goes on from what was found
 EDGE = 64  # samples at either end
 MORE = 0.25  # of reduced chi-square, that is more than noise
+FARTHER = 3.0  # times what a fit leaves above noise of a sample, that is left of those held out
+OF_ALL = 3  # candidates that are fitted because all recordings together show them
 FORM = 0.01  # of what a delay gains, that its form leaves open
 LATE = {
     1: 1.0,
@@ -139,6 +141,21 @@ def _far_from_noise(judge: NoiseJudge, made: Fit) -> bool:
     return math.fsum(left for left, _ in fitted) > (1.0 + MORE) * count
 
 
+def _held_out_tell_more(fits: Fits, made: Fit) -> bool:
+    """Whether a fit leaves far more of recordings held out than of those that it was fitted to."""
+    excess = {True: 0.0, False: 0.0}
+    for held in excess:
+        chosen = [
+            innovations(s, r)
+            for s, r in zip(fits.segments, made.residuals, strict=True)
+            if s.held_out is held
+        ]
+        if not chosen:
+            return False
+        excess[held] = float(np.mean(np.concatenate(chosen) ** 2)) - 1.0
+    return excess[True] > MORE + FARTHER * max(excess[False], 0.0)
+
+
 def _grow(fits: Fits, base: Fit, most: int) -> list[Fit]:
     """Fits with one term more; the friction family starts from its simplest member."""
     candidates = [look for look in fits.looks if all(look.term.stands_with(o) for o in base.terms)]
@@ -156,6 +173,11 @@ def _grow(fits: Fits, base: Fit, most: int) -> list[Fit]:
             begin = refined_start(fits.model, base, p, fits.segments, here)
             p = dataclasses.replace(p, initial=begin, other=None)
         made.append(fits.make(base, (*base.terms, p.term), p.initial, p.other))
+    if _held_out_tell_more(fits, base):
+        shown = fits.shown_by_all(base)
+        made += [
+            fits.make(base, (*base.terms, p.term), p.initial, p.other) for p in shown[:OF_ALL]
+        ]
     best = max(ranked, key=lambda p: p.gain, default=None)
     forms: set[tuple[bool, bool]] = set()
     for p in ranked:
