@@ -10,6 +10,7 @@ from impactscope.proof.detectability import STATED, Freedom
 from impactscope.proof.draw import draw
 from impactscope.proof.effect import struck, swung
 from impactscope.proof.measurement import input_channel
+from impactscope.proof.population import WIDE
 from impactscope.proof.scenario import STRIKES
 
 
@@ -79,3 +80,22 @@ def test_some_plates_are_shaken_and_the_force_is_recorded():
         acting = np.flatnonzero(force)
         assert acting[0] >= blow.start * 10e3
         assert acting.size > 0.8 * (blow.duration - blow.start) * 10e3
+
+
+@pytest.mark.parametrize('kind', ['impact', 'driven', 'prescribed', 'chain'])
+def test_a_wide_population_has_other_benches_that_can_be_told_apart_as_well(kind):
+    drawn = [draw_scenario(np.random.default_rng(seed), kind, WIDE) for seed in range(12)]
+    own = [draw_scenario(np.random.default_rng(seed), kind) for seed in range(12)]
+    for many, few in ((rates(drawn), rates(own)), (noises(drawn), noises(own))):
+        assert max(many) / min(many) > 1.5 * max(few) / min(few)
+    freedom = Freedom(drawn[0])
+    assert freedom.detectability(drawn[0]) == pytest.approx(0.0, abs=1e-6)
+
+
+def rates(scenarios):
+    return [max(s.rates.values()) for s in scenarios]
+
+
+def noises(scenarios):
+    """Of the response over its own size."""
+    return [s.noise[n] for s in scenarios for n in s.channels[:1]]

@@ -20,6 +20,7 @@ from .examine import examine
 from .generate import SHORT, generate
 from .known_cases import Simulator, agreement, simulate
 from .peers import peers
+from .population import POPULATIONS
 from .score import confusion, lines, read_marks, score, write
 from .sealed import open_sealed
 
@@ -61,6 +62,12 @@ def _parser() -> argparse.ArgumentParser:
         '--only', choices=tuple(CATEGORIES), help='one category, as for 300 clean ones'
     )
     parser.add_argument('--kind', choices=tuple(KINDS), help='of every campaign; default: drawn')
+    parser.add_argument(
+        '--population',
+        choices=tuple(POPULATIONS),
+        default='paper',
+        help='benches and instruments: about those of the paper, or of a wide range',
+    )
     parser.add_argument('--no-classes', action='store_true', help='do not search look-alikes')
     parser.add_argument('--no-peers', action='store_true', help='leave the simple methods out')
     parser.add_argument('--output', type=Path, default=Path('out/proof'))
@@ -89,6 +96,7 @@ def _generate(options: argparse.Namespace) -> None:
         categories=categories,
         kind=options.kind,
         classes=not options.no_classes,
+        population=options.population,
         progress=_progress,
     )
     _say(f'sealed answers: SHA-256 {digest}')

@@ -8,28 +8,30 @@ from dataclasses import replace
 
 import numpy as np
 
-from .bench import BENCH, GRAVITY, Bench, Pendulum, Pulse
+from .bench import BENCH, GRAVITY, Bench, Pulse
 from .conditions_axis import axis_scenario
 from .detectability import STATED
 from .given_course import Wave
 from .integrator import COLUMNS, integrate
 from .measurement import INPUTS, REPEATABLE
 from .noise import COLOURS, Colour, draw_colour
+from .population import PAPER, Chains, Devices, Impacts, Plates, Population
 from .scenario import STRIKES, Blow, Chain, Scenario, Sensor, impactor
 
 __all__ = ['draw_scenario']
 
-LAYER = {'layer_stiffness': 38320.0, 'branch_stiffness': 18840.0, 'branch_damping': 77900.0}
 COLOURED = 1 / 3  # share of the campaigns whose noise is not white
 _DISTANCES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)
 
 
-def draw_scenario(rng: np.random.Generator, kind: str = 'impact') -> Scenario:
+def draw_scenario(
+    rng: np.random.Generator, kind: str = 'impact', population: Population = PAPER
+) -> Scenario:
     """A clean campaign under random conditions; ``kind`` as of :class:`Scenario`.
 
     In a third of all campaigns the noise of the responses is not white.
     """
-    scenario = _KINDS[kind](rng)
+    scenario = _KINDS[kind](rng, population)
     if rng.random() >= COLOURED:
         return scenario
     colour = str(rng.choice(COLOURS))
@@ -46,34 +48,36 @@ def _with_steps(colour: Colour, before: Colour) -> Colour:
     return colour._replace(step=colour.step or before.step)
 
 
-def _impact(rng: np.random.Generator) -> Scenario:
+def _impact(rng: np.random.Generator, among: Impacts) -> Scenario:
     orientation = str(rng.choice(['vertical', 'horizontal']))
-    layered = rng.random() < 0.8
+    layered = rng.random() < among.layered
     count = int(rng.integers(5, 11))
     taps = int(rng.integers(1, max(2, count // 2)))
     held = 1 if count < 7 else 2
-    rate = float(rng.choice([1000, 2000, 2560, 5000, 10000], p=[0.2, 0.3, 0.15, 0.25, 0.1]))
-    other = 5000.0 if rng.random() < 0.2 else rate  # the accelerometers' own device
+    rate = among.rate(rng)
+    other = rate
+    if rng.random() < among.other_device:  # the accelerometers' own
+        other = among.other_rate(rng)
     rates = {'force': rate}
     for name, share in (('plate', 0.95), ('impactor', 0.85), ('base', 0.8)):
         if rng.random() < share:
             rates[f'acceleration.{name}'] = other
     noise = {
-        n: float(10 ** (rng.uniform(-1, -0.3) if n == 'force' else rng.uniform(-1.3, -0.5)))
-        for n in rates
+        n: among.force_noise(rng) if n == 'force' else among.acceleration_noise(rng) for n in rates
     }
     deviation = {n: 0.003 if n == 'force' else 0.005 for n in rates}
     chains = {n: Chain(gain=1 + rng.normal(0, deviation[n])) for n in rates}
-    stiffness = float(rng.choice([69e3, 69e3, 40e3, 110e3]))
-    mass = 1.67 * float(rng.uniform(0.85, 1.15))
-    zeta = float(rng.uniform(0.03, 0.10))
+    stiffness = among.stiffness(rng)
+    mass = among.mass(rng)
+    zeta = among.damping_ratio(rng)
     true = stiffness + float(rng.normal(0, 500))
+    layer = among.layer(rng)
     bench = BENCH._replace(
         mass=mass,
         stiffness=true,
         damping=2 * zeta * math.sqrt(true * mass),
         **(
-            LAYER
+            layer
             if layered
             else {
                 'hertz_stiffness': float(10 ** rng.uniform(7.0, 8.3)),
@@ -81,8 +85,8 @@ def _impact(rng: np.random.Generator) -> Scenario:
             }
         ),
     )
-    pendulum = Pendulum()
-    striker = str(rng.choice(['pendulum', 'robot', 'drop'], p=[0.8, 0.12, 0.08]))
+    pendulum = among.pendulum(rng)
+    striker = str(rng.choice(['pendulum', 'robot', 'drop'], p=among.strikers))
     if striker == 'drop':
         orientation = 'vertical'
     weight = orientation == 'vertical' and striker != 'robot'
@@ -125,7 +129,7 @@ def _impact(rng: np.random.Generator) -> Scenario:
         noise,
         chains,
         tuple(baseline),
-        layer=LAYER if layered else None,
+        layer=layer if layered else None,
         sensor=Sensor(stiffness),
         pendulum=pendulum,
         gain_std=deviation,
@@ -197,22 +201,22 @@ def _tap(rng: np.random.Generator) -> Pulse:
     )
 
 
-def _driven(rng: np.random.Generator) -> Scenario:
+def _driven(rng: np.random.Generator, among: Plates) -> Scenario:
     count = int(rng.integers(5, 9))
-    rate = float(rng.choice([5000, 10000]))
-    mass = float(rng.uniform(0.8, 3.0))
-    omega = 2 * math.pi * float(rng.uniform(15, 60))
-    zeta = float(rng.uniform(0.01, 0.08))
+    rate = among.rate(rng)
+    mass = among.mass(rng)
+    omega = 2 * math.pi * min(among.frequency(rng), rate / 12)
+    zeta = among.damping_ratio(rng)
     bench = BENCH._replace(mass=mass, stiffness=mass * omega**2, damping=2 * zeta * mass * omega)
-    noise = {'acceleration.plate': float(10 ** rng.uniform(-1.3, -0.5))}
-    noise[INPUTS['driven']] = 0.02 * mass * noise['acceleration.plate']
+    noise = {'acceleration.plate': among.noise(rng)}
+    noise[INPUTS['driven']] = among.force_noise(rng) * mass * noise['acceleration.plate']
     shaken = rng.random() < 0.35
     blows = []
     for i in range(count):
         start = float(rng.uniform(0.1, 0.3))
         duration = start + float(rng.uniform(0.8, 1.2))
         pulses = [
-            Pulse(at, float(rng.uniform(0.004, 0.010)), float(rng.uniform(60, 400)), 2.0)
+            Pulse(at, among.pulse(rng), among.peak(rng), 2.0)
             for at in (0.0, float(rng.uniform(0.1, 0.4)))[: int(rng.integers(1, 3))]
         ]
         blows.append(
@@ -249,16 +253,16 @@ def _shaking(rng: np.random.Generator, omega: float, length: float) -> tuple[Pul
     return tuple(tones)
 
 
-def _prescribed(rng: np.random.Generator) -> Scenario:
+def _prescribed(rng: np.random.Generator, among: Devices) -> Scenario:
     """A damper or a spring in a testing machine: sines, two sines, sweeps."""
     count = int(rng.integers(4, 9))
-    rate = float(rng.choice([1000, 2000, 5000]))
-    stiffness = float(10 ** rng.uniform(3.0, 5.0))
+    rate = among.rate(rng)
+    stiffness = among.stiffness(rng)
     typical = 2 * math.pi * 3.0  # rad/s
     damping = float(10 ** rng.uniform(-1.0, 0.3)) * stiffness / typical
     bench = BENCH._replace(stiffness=stiffness, damping=damping)
-    reach = float(10 ** rng.uniform(-2.7, -1.7))  # m
-    noise = {'force.damper': float(10 ** rng.uniform(-3.3, -2.5)) * stiffness * reach}
+    reach = among.reach(rng)
+    noise = {'force.damper': among.noise(rng) * stiffness * reach}
     noise[INPUTS['prescribed']] = 0.05 * noise['force.damper'] / stiffness
     blows = []
     for i in range(count):
@@ -285,11 +289,11 @@ def _prescribed(rng: np.random.Generator) -> Scenario:
     )
 
 
-def _chain(rng: np.random.Generator) -> Scenario:
+def _chain(rng: np.random.Generator, among: Chains) -> Scenario:
     """Blows seen by two channels of a measuring chain."""
     count = int(rng.integers(4, 9))
-    rate = float(rng.choice([2000, 5000, 10000]))
-    noise = {'acceleration.processed': float(10 ** rng.uniform(-1.3, -0.3))}
+    rate = among.rate(rng)
+    noise = {'acceleration.processed': among.noise(rng)}
     noise[INPUTS['chain']] = 0.05 * noise['acceleration.processed']
     blows = []
     for i in range(count):
@@ -331,10 +335,10 @@ def _given(
     return Blow(kind, bench, start, duration, role, waves=waves, hum_phase=phase)
 
 
-_KINDS: Mapping[str, Callable[[np.random.Generator], Scenario]] = {
-    'impact': _impact,
-    'driven': _driven,
-    'closed_loop': axis_scenario,
-    'prescribed': _prescribed,
-    'chain': _chain,
+_KINDS: Mapping[str, Callable[[np.random.Generator, Population], Scenario]] = {
+    'impact': lambda rng, p: _impact(rng, p.impacts),
+    'driven': lambda rng, p: _driven(rng, p.plates),
+    'closed_loop': lambda rng, _: axis_scenario(rng),
+    'prescribed': lambda rng, p: _prescribed(rng, p.devices),
+    'chain': lambda rng, p: _chain(rng, p.chains),
 }

@@ -17,6 +17,7 @@ from .detectability import Companion, Freedom, norm
 from .effect import DRY_FRICTIONS, axial, swung
 from .effects import EFFECTS, Effect
 from .noise import seen_better
+from .population import PAPER, Population
 from .scenario import Scenario
 
 __all__ = [
@@ -92,6 +93,7 @@ def draw(
     category: str | None = None,
     kind: str | None = None,
     classes: bool = True,
+    population: Population = PAPER,
 ) -> Concealed:
     """A concealed campaign.
 
@@ -100,6 +102,7 @@ def draw(
         category: one of ``CATEGORIES``; None: drawn.
         kind: of the campaign, as of ``KINDS``; None: drawn.
         classes: whether to find what the data cannot tell from the truth (takes longest).
+        population: from which conditions are drawn.
 
     Raises ConfigurationError where the kind states nothing of that category.
     """
@@ -111,9 +114,9 @@ def draw(
         kind = _drawn(rng, {k: w for k, w in KINDS.items() if _possible(category, k)})
     if not _possible(category, kind):
         raise ConfigurationError(f'no campaign of kind {kind!r} conceals a wrong {category}')
-    clean = draw_scenario(rng, kind)
+    clean = draw_scenario(rng, kind, population)
     while not _states(clean, category):
-        clean = draw_scenario(rng, kind)
+        clean = draw_scenario(rng, kind, population)
     if category == 'clean':
         return Concealed(clean, clean, category)
     if category == 'pair':

@@ -20,6 +20,7 @@ from impactscope.errors import ConfigurationError
 from .campaign_folder import write_campaign
 from .draw import CATEGORIES, Concealed, draw
 from .evidence_map import evidence_map
+from .population import POPULATIONS
 from .prediction_limit import prediction_limit
 from .sealed import open_sealed, seal
 
@@ -47,6 +48,7 @@ def generate(
     categories: tuple[str, ...] = (),
     kind: str | None = None,
     classes: bool = True,
+    population: str = 'paper',
     progress: Progress | None = None,
 ) -> str:
     """Make an examination and return the SHA-256 of its sealed answers.
@@ -59,6 +61,7 @@ def generate(
         categories: given to the campaigns in turn; empty: drawn.
         kind: of every campaign; None: drawn.
         classes: whether to find what cannot be told from the truth.
+        population: from which conditions are drawn, one of ``POPULATIONS``.
         progress: called with (what, done, all).
 
     Raises ConfigurationError where the folder holds an examination of another seed.
@@ -70,12 +73,17 @@ def generate(
     plan: dict[str, object] = {'campaigns': campaigns, 'categories': list(categories)}
     if kind is not None:
         plan['kind'] = kind
+    if population != 'paper':
+        plan['population'] = population
     _same_plan(output / 'examination.json', plan, seed)
     parts = output / 'sealed_parts'
     parts.mkdir(exist_ok=True)
     todo = [i for i in range(campaigns) if not (parts / f'{campaign_name(i)}.sha256').exists()]
     work = [
-        (output, seed, i, categories[i % len(categories)] if categories else None, kind, classes)
+        (
+            *(output, seed, i, categories[i % len(categories)] if categories else None),
+            *(kind, classes, population),
+        )
         for i in todo
     ]
     done = campaigns - len(todo)
@@ -118,10 +126,17 @@ def _with_steps(concealed: Concealed) -> bool:
 
 
 def _one(
-    output: Path, seed: int, index: int, category: str | None, kind: str | None, classes: bool
+    output: Path,
+    seed: int,
+    index: int,
+    category: str | None,
+    kind: str | None,
+    classes: bool,
+    population: str,
 ) -> None:
     rng = np.random.default_rng([seed, index])
-    concealed = draw(rng, category=category, kind=kind, classes=classes)
+    among = POPULATIONS[population]
+    concealed = draw(rng, category=category, kind=kind, classes=classes, population=among)
     folder = output / 'campaigns' / campaign_name(index)
     rmtree(folder, ignore_errors=True)  # of a run that was cut off
     write_campaign(folder, concealed.truth, concealed.stated, rng)
