@@ -106,6 +106,30 @@ def test_what_cannot_be_compared_takes_no_place(monkeypatch, bad):
     assert [c.label for c in outcome.accepted] == ['coulomb_friction']
 
 
+@pytest.mark.parametrize(
+    ('name', 'beside', 'confirmed'),
+    [
+        ('hysteresis', (), True),
+        ('hysteresis', ('swapped.force',), False),  # a fit with what has been swapped since
+        ('coulomb_friction', (), False),  # a finding already
+    ],
+)
+def test_fits_confirm_what_they_have_beside_what_is_accepted(monkeypatch, name, beside, confirmed):
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: SimpleNamespace(reduced=1.0))
+    outcome = outcome_of(50.0)
+    item = found_of(candidate_of(name), -40.0)
+    item.candidate.cost = 1
+    item.fit.model.free += tuple(SimpleNamespace(key=key) for key in beside)
+    outcome.last = [item]
+    monkeypatch.setattr(
+        held_out, 'further_misfit', lambda _, after: -9.0 if after[0] is item.fit else 0.0
+    )
+    held_out.check_held_out(outcome, Thresholds(), 3)
+    labels = [c.label for c in outcome.accepted]
+    assert labels == ['coulomb_friction', *(['hysteresis'] if confirmed else [])]
+    assert set(labels) <= set(outcome.found)
+
+
 def test_what_one_set_of_numbers_meets_is_not_missing(make_campaign):
     """A prediction that bounces amplify may miss; a reading 20 % off is met by none."""
     campaign = make_campaign(20)

@@ -6,6 +6,11 @@ import pytest
 
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.candidates.candidate import Candidate, stronger
+from impactscope.discrepancy.impact.candidates.catalogue import candidates
+from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
+from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.search.screening import Screening
 from impactscope.physics.twin.assembly import Effect
 
 
@@ -26,3 +31,14 @@ def test_a_weak_further_branch_of_the_layer(make_campaign):
     found = answer.ranking[0].parameters
     for name, true in (('stiffness', 60.0), ('damping', 0.3)):
         assert abs(found[name].value - true) < 4.0 * found[name].std
+
+
+def test_a_filter_before_sampling_is_tried_as_weak_as_it_may_be(make_campaign):
+    """At half the rate it changes the signal by hundreds of times its noise, which tells nothing."""
+    campaign = make_campaign(21)
+    baseline = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    label = 'low_pass_filter:acceleration.impactor of order 2, zero phase, before sampling'
+    (far,) = [c for c in candidates(baseline, ()) if c.label == label]
+    best, _ = Screening(baseline).best(far)
+    assert best.weak[far.free[0].key] > 2.0 * max(s[far.free[0].key] for s in far.starts)
+    assert -5.0 < best.gain < 5.0

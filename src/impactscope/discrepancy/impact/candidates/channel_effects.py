@@ -109,7 +109,11 @@ def _low_pass_ahead(
     number = dataclasses.replace(number, start=0.5 * rate, lower=lower, upper=upper)
     constants = {**plain.constants, f'{plain.effects[0].tag}.ahead': 1.0}
     return dataclasses.replace(
-        plain, label=f'{plain.label}, before sampling', free=(number,), constants=constants
+        plain,
+        label=f'{plain.label}, before sampling',
+        free=(number,),
+        constants=constants,
+        amplitudes={number.key: math.inf},  # far above the signal it does next to nothing
     )
 
 

@@ -106,7 +106,11 @@ def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
         able = []
         for item in outcome.last[:_CONFIRMED]:
             wanted = least_gain(item.candidate.cost, outcome.looks, thresholds.false_finding)
-            beside = set(outcome.final.values) <= set(item.fit.values)
+            # fits from before something was pruned or swapped have what is no longer accepted
+            own = {f.key for f in item.candidate.free}
+            there = {f.key for f in outcome.final.model.free} | own
+            beside = there == {f.key for f in item.fit.model.free}
+            beside &= item.candidate.label not in {c.label for c in outcome.accepted}
             if item.gain < 0.3 * wanted or item.refused or not beside:
                 continue
             if item.fit.layout.size != outcome.final.layout.size:
