@@ -34,7 +34,7 @@ def test_a_weak_further_branch_of_the_layer(make_campaign):
 
 
 def test_a_filter_before_sampling_is_tried_as_weak_as_it_may_be(make_campaign):
-    """At half the rate it changes the signal by hundreds of times its noise, which tells nothing."""
+    """At half the rate it changes signals by hundreds of times their noise: that tells nothing."""
     campaign = make_campaign(21)
     baseline = fit_baseline(baseline_model(campaign, prepare(campaign)))
     label = 'low_pass_filter:acceleration.impactor of order 2, zero phase, before sampling'
