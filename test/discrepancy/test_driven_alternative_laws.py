@@ -71,7 +71,7 @@ def test_plain_friction_is_tried_again_where_it_had_stood_still(again, taken):
         def misfit(self, made):
             return made.left
 
-        def _fit(self, base, terms, initial):
+        def _fit(self, base, terms, initial, _least):
             began.append(initial)
             return SimpleNamespace(terms=terms, left=again)
 

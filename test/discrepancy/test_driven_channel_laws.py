@@ -7,7 +7,7 @@ from scipy import signal
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.adequacy.channel_laws import _contrasts
+from impactscope.discrepancy.driven.adequacy.unmodelled_laws import contrasts
 
 RATE, SAMPLES = 10_000.0, 6000
 CHANNELS = 'acceleration.raw', 'acceleration.stored'
@@ -51,7 +51,7 @@ def test_gains_that_differ_are_not_in_the_library():
 
 def test_contrasts_have_nothing_in_common_with_all_rows():
     rows = list(np.random.default_rng(1).standard_normal((4, 50)))
-    found = _contrasts(rows)
+    found = contrasts(rows)
     assert len(found) == len(rows) - 1
     assert np.stack(found) @ np.sum(rows, axis=0) == pytest.approx(np.zeros(3), abs=1e-9)
     assert np.linalg.matrix_rank(np.stack(found)) == len(rows) - 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -54,7 +55,7 @@ class OscillatorModel:
     free: bool  # no input: the beginning is unknown, the mass is one
     position_scale: float
     speed_scale: float
-    _last: dict[str, Any] = field(default_factory=dict, repr=False)  # motion of each recording
+    _last: dict[Any, Any] = field(default_factory=dict, repr=False)  # motion of each recording
 
     def starts(self, segment: Segment) -> tuple[Number, ...]:
         """Position and speed at the first sample of a free swing.
@@ -109,12 +110,14 @@ class OscillatorModel:
             x, v = start[0], start[1]
         p = self.vector(values, terms)
         state = (id(segment), x, v, p.tobytes())
-        if self._last.get(segment.recording, (None,))[0] != state:
+        place = segment.recording, threading.get_ident()  # fits go on side by side
+        last = self._last.get(place)
+        if last is None or last[0] != state:
             out = np.zeros((segment.measured.size, 4))
             simulate = run_on_base if p[at.BASE_MASS] > 0.0 else run
             simulate(p, segment.drive, segment.period, x, v, out)
-            self._last[segment.recording] = state, out, segment
-        made: Array = self._last[segment.recording][1]
+            last = self._last[place] = state, out, segment
+        made: Array = last[1]
         return made
 
     def predict(

@@ -11,11 +11,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, optimize, signal
+from scipy import fft, linalg, optimize
 
 from impactscope.discrepancy.driven.compiled import compiled
 from impactscope.discrepancy.driven.noise.quantisation import step_of
@@ -60,6 +60,7 @@ class Spectral:
     answer: Array  # of the filter, (k,)
     early: Array  # factors of the first samples
     weight: Array | None = None  # of each sample, (n,): 0 where it does not count
+    _spectra: dict[int, NDArray[np.complex128]] = field(default_factory=dict, repr=False)
 
     def __call__(self, residual: Array) -> Array:
         """Innovations, shape (n,)."""
@@ -68,12 +69,21 @@ class Spectral:
         if self.answer.size == 1:
             out = residual * self.answer[0]
         else:
-            out = signal.oaconvolve(residual, self.answer)[: residual.size]
+            out = self._filtered(residual)
             first = min(self.early.size, out.size)
             out[:first] *= self.early[:first]
         if self.weight is not None:
             out = out * self.weight
         return np.asarray(out)
+
+    def _filtered(self, residual: Array) -> Array:
+        """The filter's spectrum is kept: a search filters recordings a hundred thousand times."""
+        length = fft.next_fast_len(residual.size + self.answer.size - 1, real=True)
+        spectrum = self._spectra.get(length)
+        if spectrum is None:
+            spectrum = self._spectra[length] = fft.rfft(self.answer, length)
+        filtered: Array = fft.irfft(fft.rfft(residual, length) * spectrum, length)
+        return filtered[: residual.size]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

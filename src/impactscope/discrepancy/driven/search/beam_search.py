@@ -276,7 +276,9 @@ def _chosen(fits: _Fits, judge: Judge) -> Fit:
         fits.make(first, sound(first), {})
     kept = [f for f in fits.known.values() if sound(f) == f.terms or f is baseline]
     best = _plainest(kept, judge, baseline)
-    best = prune(best, baseline, judge, lambda fitted, rest: fits.make(fitted, rest, {}))
+    best = prune(
+        best, baseline, judge, lambda fitted, fewer: [fits.make(fitted, f, {}) for f in fewer]
+    )
     best = _in_plain_words(best, kept, judge, baseline)
     if best is not baseline and (sound(best) != best.terms or not judge.better(baseline, best)):
         return baseline
@@ -390,20 +392,23 @@ def _best_parent(fits: _Fits, child: Fit, judge: Judge) -> Fit:
 
 
 def prune(
-    best: Fit, baseline: Fit, judge: Judge, make: Callable[[Fit, tuple[Term, ...]], Fit]
+    best: Fit,
+    baseline: Fit,
+    judge: Judge,
+    make_each: Callable[[Fit, list[tuple[Term, ...]]], list[Fit]],
 ) -> Fit:
     """Take away terms that the recordings can do without, the weakest first.
 
-    ``make`` fits a model's remaining terms, starting from the fit that it is given.
+    ``make_each`` fits models of fewer terms, starting from the fit that it is given.
     """
     given = {t.label for t in baseline.terms}
     while best is not baseline:
-        smaller = []
-        for term in best.terms:
-            if term.label not in given:
-                rest = tuple(t for t in best.terms if t.label != term.label)
-                smaller.append(make(best, rest))
-        kept = [f for f in smaller if not judge.better(f, best)]
+        fewer = [
+            tuple(t for t in best.terms if t.label != term.label)
+            for term in best.terms
+            if term.label not in given
+        ]
+        kept = [f for f in make_each(best, fewer) if not judge.better(f, best)]
         if not kept:
             break
         best = min(kept, key=lambda f: judge.criterion(f, baseline))

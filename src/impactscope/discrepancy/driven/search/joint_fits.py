@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,14 @@ from impactscope.discrepancy.driven.fits.weighted_residuals import numbers_of
 from impactscope.discrepancy.driven.models.measuring_chain import filter_of
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Term, key
-from impactscope.discrepancy.driven.search.screening import HOPE, Prospect, prospects, screened
+from impactscope.discrepancy.driven.search.screening import (
+    HOPE,
+    Prospect,
+    ScreenedStart,
+    prospects,
+    screened,
+)
+from impactscope.discrepancy.parallel import in_parallel
 
 __all__ = ['Fits', 'labels_of', 'measured_by']
 
@@ -40,6 +47,7 @@ class Fits:
     def __init__(self, model: Model, segments: Sequence[Segment], baseline: Fit) -> None:
         self.model, self.segments, self.baseline = model, segments, baseline
         self.known: dict[frozenset[str], Fit] = {labels_of(baseline.terms): baseline}
+        self._smaller: set[tuple[Fit, frozenset[str]]] = set()  # fitted from a larger one already
         self.look_around(baseline)
 
     def look_around(self, place: Fit) -> None:
@@ -48,6 +56,7 @@ class Fits:
         # a low-pass shows little of an axis' motion: of what order it is matters
         first = [t for t in self.model.terms if self.model.drifts or _looked_at(t)]
         self.looks = screened(self.model, place, first, self.segments)
+        self.looks_of_all: list[ScreenedStart] | None = None  # with recordings held out, if asked
         # what is tuned in every fit; its derivatives change little from one to the next
         self.tuned: Array | None = None
         if not self.model.drifts:  # where errors add up they change
@@ -60,10 +69,13 @@ class Fits:
         Slow or far motions may be in those held out alone; fitted it is to the others.
         """
         opened = [dataclasses.replace(s, held_out=False) for s in self.segments]
-        terms = {look.term.label: look.term for look in self.looks}
-        able = [t for t in terms.values() if all(t.stands_with(o) for o in base.terms)]
-        looks = screened(self.model, base, able, opened)
-        return [p for p in prospects(self.model, base, looks, opened) if p.gain >= HOPE]
+        if self.looks_of_all is None:
+            terms = {look.term.label: look.term for look in self.looks}
+            self.looks_of_all = screened(self.model, self.place, list(terms.values()), opened)
+        able = [
+            look for look in self.looks_of_all if all(look.term.stands_with(o) for o in base.terms)
+        ]
+        return [p for p in prospects(self.model, base, able, opened) if p.gain >= HOPE]
 
     def make(
         self,
@@ -75,14 +87,56 @@ class Fits:
         """The fit with these terms, the better one where there are two starts."""
         names = labels_of(terms)
         if names not in self.known:
-            tries = [self._fit(base, terms, initial)]
-            # with one number alone, or one way to be large, both starts end in the same place
-            if other is not None and len(terms[-1].numbers) > 1:
-                tries.append(self._fit(base, terms, other))
-            self.known[names] = min(tries, key=self.misfit)
+            self.known[names] = self._better_of(base, terms, initial, other, self._least())
         return self.known[names]
 
-    def _fit(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
+    def make_each(
+        self,
+        base: Fit,
+        chosen: Sequence[Prospect],
+        improved: Callable[[Prospect], Prospect] = lambda prospect: prospect,
+    ) -> list[Fit]:
+        """Fits with one term more each, side by side but for the first, the most promising.
+
+        ``improved`` gives a better start of a prospect, just before it is fitted.
+        """
+
+        def made(prospect: Prospect, least: float) -> Fit:
+            begun = improved(prospect)
+            terms = (*base.terms, begun.term)
+            return self._better_of(base, terms, begun.initial, begun.other, least)
+
+        names = [labels_of((*base.terms, p.term)) for p in chosen]
+        new = {n: p for n, p in zip(names, chosen, strict=True) if n not in self.known}
+        first, rest = list(new.items())[:1], list(new.items())[1:]
+        for name, prospect in first:
+            self.known[name] = made(prospect, self._least())
+        least = self._least()
+        found = in_parallel(lambda item: made(item[1], least), rest)
+        self.known.update(zip((name for name, _ in rest), found, strict=True))
+        return [self.known[name] for name in names]
+
+    def _better_of(
+        self,
+        base: Fit,
+        terms: tuple[Term, ...],
+        initial: Mapping[str, float],
+        other: Mapping[str, float] | None,
+        least: float,
+    ) -> Fit:
+        tries = [self._fit(base, terms, initial, least)]
+        # with one number alone, or one way to be large, both starts end in the same place
+        if other is not None and len(terms[-1].numbers) > 1:
+            tries.append(self._fit(base, terms, other, least))
+        return min(tries, key=self.misfit)
+
+    def _least(self) -> float:
+        return min(self.misfit(f) for f in self.known.values())
+
+    def _fit(
+        self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float], least: float
+    ) -> Fit:
+        """A fit that is ended early where it is far behind the ``least`` misfit that is known."""
         scaled = tuple(measured_by(t, initial) for t in terms)
         whole = labels_of(self.baseline.terms) <= labels_of(terms)
         values, starts = {**base.values, **initial}, base.starts
@@ -97,7 +151,7 @@ class Fits:
                 TOLERANCE,
                 self.tuned if whole else None,
             )
-            if made.evaluations < evaluations or self._behind(made):
+            if made.evaluations < evaluations or self._behind(made, least):
                 break
             values, starts = dict(made.values), made.starts
         return made
@@ -107,25 +161,39 @@ class Fits:
             self.model, made.terms, self.segments, made.values, made.starts, LONG, TOLERANCE
         )
 
-    def _behind(self, made: Fit) -> bool:
+    def _behind(self, made: Fit, least: float) -> bool:
         """Whether a fit is so far from the best that its last digits do not matter."""
-        best = min(self.misfit(f) for f in self.known.values())
-        excess = self.misfit(made) - best
-        return excess > max(LOST, 0.5 * (self.misfit(self.place) - best))
+        excess = self.misfit(made) - least
+        return excess > max(LOST, 0.5 * (self.misfit(self.place) - least))
 
     def without(self, base: Fit, terms: tuple[Term, ...]) -> Fit:
         """The fit with fewer terms, from where the larger one has ended, too."""
-        names = labels_of(terms)
-        if names == labels_of(self.baseline.terms):
-            return self.baseline
-        again = self._fit(base, terms, {})
-        if self.model.drifts:  # a companion that only helped the fit on its way must not stay
-            again = self._to_the_end(again)
-        return self._better(again)
+        return self.without_each(base, [terms])[0]
+
+    def without_each(self, base: Fit, fewer: Sequence[tuple[Term, ...]]) -> list[Fit]:
+        """Fits with fewer terms each, side by side, from where the larger one has ended, too."""
+        least = self._least()
+
+        def made(terms: tuple[Term, ...]) -> Fit:
+            again = self._fit(base, terms, {}, least)
+            # a companion that only helped the fit on its way must not stay
+            return self._to_the_end(again) if self.model.drifts else again
+
+        names = [labels_of(terms) for terms in fewer]
+        bare = labels_of(self.baseline.terms)
+        todo = [
+            (n, terms)
+            for n, terms in zip(names, fewer, strict=True)
+            if n != bare and (base, n) not in self._smaller
+        ]
+        self._smaller.update((base, n) for n, _ in todo)
+        for again in in_parallel(lambda item: made(item[1]), todo):
+            self._better(again)
+        return [self.baseline if n == bare else self.known[n] for n in names]
 
     def once_more(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
         """The fit with these terms from another place: the better one where it was made before."""
-        return self._better(self._fit(base, terms, initial))
+        return self._better(self._fit(base, terms, initial, self._least()))
 
     def _better(self, again: Fit) -> Fit:
         names = labels_of(again.terms)
@@ -150,25 +218,32 @@ class Fits:
 
     def polish(self, made: Fit) -> Fit:
         """A fit once more, with every derivative taken anew."""
-        if made.label != POLISHED and made is not self.baseline:
-            names = labels_of(made.terms)
-            better = fit(
-                self.model,
-                made.terms,
-                self.segments,
-                made.values,
-                made.starts,
-                EVALUATIONS,
-                TOLERANCE,
-            )
-            rough = {key(t, n) for t in made.terms if t.rough for n in t.numbers}
-            least = LEAST_STD if self.model.drifts else 0.0
-            std = {
-                k: max(v, (ROUGH_STD if k in rough else least) * abs(better.values[k]))
-                for k, v in better.std.items()
-            }
-            self.known[names] = dataclasses.replace(better, label=POLISHED, std=std)
-        return self.known[labels_of(made.terms)]
+        return self.polish_each([made])[0]
+
+    def polish_each(self, made: Sequence[Fit]) -> list[Fit]:
+        """Several fits once more, side by side, with every derivative taken anew."""
+        rough = [f for f in made if f.label != POLISHED and f is not self.baseline]
+        for better in in_parallel(self._polished, rough):
+            self.known[labels_of(better.terms)] = better
+        return [self.known[labels_of(f.terms)] for f in made]
+
+    def _polished(self, made: Fit) -> Fit:
+        better = fit(
+            self.model,
+            made.terms,
+            self.segments,
+            made.values,
+            made.starts,
+            EVALUATIONS,
+            TOLERANCE,
+        )
+        rough = {key(t, n) for t in made.terms if t.rough for n in t.numbers}
+        least = LEAST_STD if self.model.drifts else 0.0
+        std = {
+            k: max(v, (ROUGH_STD if k in rough else least) * abs(better.values[k]))
+            for k, v in better.std.items()
+        }
+        return dataclasses.replace(better, label=POLISHED, std=std)
 
 
 def measured_by(term: Term, initial: Mapping[str, float]) -> Term:

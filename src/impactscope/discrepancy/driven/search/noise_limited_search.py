@@ -120,8 +120,7 @@ def noise_limited_search(
     best = _against_rivals(fits, best, judge)
     best = _pruned(fits, friction_of_baseline(fits, best, judge), judge)
     level = judge.criterion(best, baseline) + NEAR
-    for made in [f for f in fits.known.values() if judge.criterion(f, baseline) < level]:
-        fits.polish(made)
+    fits.polish_each([f for f in fits.known.values() if judge.criterion(f, baseline) < level])
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
     best = plain_friction(fits, fits.polish(_pruned(fits, best, judge)), judge)
     best = _one_delay(fits, fits.polish(best), judge)
@@ -161,23 +160,24 @@ def _grow(fits: Fits, base: Fit, most: int) -> list[Fit]:
     candidates = [look for look in fits.looks if all(look.term.stands_with(o) for o in base.terms)]
     here = fits.here if base is fits.place else None
     ranked = prospects(fits.model, base, candidates, fits.segments, here)
-    made: list[Fit] = []
+    chosen: list[Prospect] = []
     names: dict[str, int] = {}
     for p in ranked:
-        if len(made) >= most or p.gain < HOPE:
+        if len(chosen) >= most or p.gain < HOPE:
             break
         names[p.term.name] = names.get(p.term.name, 0) + 1
-        if names[p.term.name] > 3:
-            continue
-        if p.term.rough and here is not None:
-            begin = refined_start(fits.model, base, p, fits.segments, here)
-            p = dataclasses.replace(p, initial=begin, other=None)
-        made.append(fits.make(base, (*base.terms, p.term), p.initial, p.other))
+        if names[p.term.name] <= 3:
+            chosen.append(p)
+
+    def improved(p: Prospect) -> Prospect:
+        if not p.term.rough or here is None:
+            return p
+        begin = refined_start(fits.model, base, p, fits.segments, here)
+        return dataclasses.replace(p, initial=begin, other=None)
+
+    made = fits.make_each(base, chosen, improved)
     if _held_out_tell_more(fits, base):
-        shown = fits.shown_by_all(base)
-        made += [
-            fits.make(base, (*base.terms, p.term), p.initial, p.other) for p in shown[:OF_ALL]
-        ]
+        made += fits.make_each(base, fits.shown_by_all(base)[:OF_ALL])
     best = max(ranked, key=lambda p: p.gain, default=None)
     forms: set[tuple[bool, bool]] = set()
     for p in ranked:
@@ -194,24 +194,27 @@ def _other_orders(fits: Fits, base: Fit, first: Prospect) -> list[Fit]:
 
     Without a delay, each order weakens the signal after a law of its own.
     """
-    made = []
     order, both = filter_of(first.term)
     (cutoff,) = first.initial.values()
-    for term in fits.model.terms:
-        if term.name != first.term.name or filter_of(term)[1] != both:
-            continue
-        if before_sampling(term) != before_sampling(first.term):
-            continue
+    others = [
+        t
+        for t in fits.model.terms
+        if t.name == first.term.name
+        and filter_of(t)[1] == both
+        and before_sampling(t) == before_sampling(first.term)
+    ]
+    here = fits.here if base is fits.place else None
+
+    def begun(p: Prospect) -> Prospect:
         if both:
-            seen = screened(fits.model, fits.place, [term], fits.segments)
-            here = fits.here if base is fits.place else None
+            seen = screened(fits.model, fits.place, [p.term], fits.segments)
             (best,) = prospects(fits.model, base, seen, fits.segments, here)
-            made.append(fits.make(base, (*base.terms, term), best.initial, best.other))
-            continue
-        number, ratio = term.numbers[0], LATE[filter_of(term)[0]] / LATE[order]
-        initial = {key(term, number): min(cutoff * ratio, 0.95 * number.upper)}
-        made.append(fits.make(base, (*base.terms, term), initial))
-    return made
+            return best
+        number, ratio = p.term.numbers[0], LATE[filter_of(p.term)[0]] / LATE[order]
+        initial = {key(p.term, number): min(cutoff * ratio, 0.95 * number.upper)}
+        return dataclasses.replace(p, initial=initial)
+
+    return fits.make_each(base, [Prospect(t, {}, 0.0) for t in others], begun)
 
 
 def _distinct(made: Sequence[Fit]) -> list[Fit]:
@@ -229,7 +232,7 @@ def _best_parent(fits: Fits, child: Fit, judge: Judge) -> Fit:
 
 
 def _pruned(fits: Fits, best: Fit, judge: Judge) -> Fit:
-    return prune(best, fits.baseline, judge, fits.without)
+    return prune(best, fits.baseline, judge, fits.without_each)
 
 
 def _one_delay(fits: Fits, best: Fit, judge: NoiseJudge) -> Fit:

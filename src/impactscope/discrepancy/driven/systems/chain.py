@@ -137,10 +137,10 @@ class ChainModel:
         last = self._last.get(segment.recording)
         if last is None or not np.array_equal(last[0], drive):
             courses = [between_samples(part, segment.period) for part in drive]
-            self._last[segment.recording] = drive, courses
+            last = self._last[segment.recording] = drive, courses
         time = segment.period * np.arange(segment.measured.size)
         place = np.clip((time - offset) / (1.0 + drift), 0.0, time[-1])
-        seen, beyond = (np.asarray(c(place)) for c in self._last[segment.recording][1])
+        seen, beyond = (np.asarray(c(place)) for c in last[1])
         return seen, beyond
 
     def motion(
