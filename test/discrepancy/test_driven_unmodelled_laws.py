@@ -107,6 +107,16 @@ def decided(monkeypatch, gains, gain, labels, numbers):
     return verdict(None, None, none, best, (gain, gain), segments)
 
 
+@pytest.mark.parametrize(('tried', 'left'), [(50, True), (LOOKS, False)])
+def test_the_best_of_few_laws_need_not_be_as_good_as_that_of_many(monkeypatch, tried, left):
+    """A chain has fifty laws beyond the library, an axis hundreds."""
+    law = UnmodelledLaw('an echo', 19.0, 1, tried=tried)
+    monkeypatch.setattr(module, 'unmodelled_laws', lambda *_: [law])
+    none = fitted((), 0)
+    said = verdict(None, None, none, none, (0.0, 0.0), [SimpleNamespace(held_out=False)])
+    assert said.left is left
+
+
 def test_one_law_as_good_as_two_effects_is_the_likelier_one(monkeypatch):
     """Each of two was chosen among many; a single one must be far behind."""
     said = decided(monkeypatch, (410.0, 5.0), 420.0, ('base_compliance', 'clock_error'), 4)

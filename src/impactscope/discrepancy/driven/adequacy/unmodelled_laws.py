@@ -42,13 +42,14 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-LOOKS = 600  # independent laws, about
+LOOKS = 600  # independent laws at most, about
 FALSE = 0.002  # chance that something is called left where nothing is
+PERHAPS = 0.05  # the same chance, up to which it is looked at who bears what a law takes away
 BESIDE = (
     1e-4  # the same beside a finding: what the finding's own errors leave looks like a law, too
 )
 LONE, TOLD = 6, 4.0  # samples that may stand out, and the chi-square that each of them may tell
-LEAST_TO_SHAPE = 20.0  # worth of a law, from which its shape is sought further
+LEAST_TO_SHAPE = 14.0  # worth of a law, from which its shape is sought further
 SHAPE_STEP, SHAPES = 0.2, 80  # first step, in logarithms, and shapes at most
 MARGIN = 10.0  # chi-square by which a law beyond the vocabulary must be the better explanation
 # share of what a law explains alone, by which a finding and a law beside it must explain more to
@@ -87,6 +88,7 @@ class UnmodelledLaw:
     column: Array | None = None  # whitened change on the fitted recordings, shape (n,)
     plain: float | None = None  # the same chi-square without regard to what is left about it
     looks: int = LOOKS
+    tried: int = LOOKS  # laws that were held against the fit, if fewer
 
     @property
     def p_value(self) -> float:
@@ -145,7 +147,7 @@ def unmodelled_laws(
     here = linearised(model, made, segments)
     sizes = [s.measured.size for s in segments if not s.held_out]
     found: list[UnmodelledLaw] = []
-    leading = -math.inf
+    leading, tried = -math.inf, 1  # with the line
 
     def keep(new: UnmodelledLaw) -> None:
         """Without its column, which is large, where another is better."""
@@ -158,6 +160,7 @@ def unmodelled_laws(
 
     shapes: dict[str, tuple[float, Shaped]] = {}  # by the law, the best start
     for law, columns, looks, shaped, differs in laws(model, made, segments):
+        tried += 1
         if differs and not _differ(here, columns, looks):
             continue
         new = _beside(here, sizes, law, columns, looks)
@@ -177,6 +180,7 @@ def unmodelled_laws(
     line = None if hunts else _line(whitened, segments[0].period)
     if line is not None:
         found.append(line)
+    found = [dataclasses.replace(law, tried=min(tried, LOOKS)) for law in found]
     return sorted(found, key=lambda s: -s.worth)
 
 
@@ -192,7 +196,7 @@ def _beside(
     if rank == 0:
         return None
     plain = gain
-    if UnmodelledLaw(law, gain, rank, looks=looks).p_value < FALSE:
+    if UnmodelledLaw(law, gain, rank, looks=looks).p_value < PERHAPS:
         gain = min(_worth(here.residual, column, sizes), _of_many(here.residual, column))
     return UnmodelledLaw(law, gain, rank, column, plain, looks)
 
@@ -307,6 +311,8 @@ def verdict(
 
     alone = sought(baseline)
     if best is baseline:
+        # beside findings all laws count that may be: there their own errors look like laws, too
+        alone = dataclasses.replace(alone, looks=alone.looks - LOOKS + alone.tried)
         left = alone.p_value < FALSE
         return Verdict(left, left, alone, 1.0 - alone.p_value if left else 0.0)
     beside = sought(best)
