@@ -169,3 +169,16 @@ def test_several_numbers_are_worth_one():
 )
 def test_what_acts_one_way_is_neither_a_coupling_nor_a_yielding_base(law):
     assert explain_driven(made(10, law)).accepted == ('unknown',)
+
+
+def test_uneven_friction_beside_an_offset_of_the_accelerometer():
+    """A load that stays is in uneven friction; an accelerometer shows none of it as an offset."""
+
+    def rubs(_x, v):
+        return (0.2 if v > 0.0 else 0.8) * np.tanh(v / 1e-4)
+
+    answer = explain_driven(made(21, rubs, lambda y: y + 0.05))
+    assert set(answer.accepted) == {'asymmetric_friction', 'offset'}
+    found = next(f for f in answer.ranking if f.name == 'asymmetric_friction').parameters
+    assert found['force_forward'].value == pytest.approx(0.2, rel=0.1)
+    assert found['force_backward'].value == pytest.approx(0.8, rel=0.1)

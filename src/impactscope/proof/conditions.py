@@ -21,6 +21,7 @@ from .scenario import STRIKES, Blow, Chain, Scenario, Sensor, impactor
 __all__ = ['draw_scenario']
 
 COLOURED = 1 / 3  # share of the campaigns whose noise is not white
+SAMPLED = 12.0  # samples of a blow, whose force between them nobody has recorded
 _DISTANCES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)
 
 
@@ -216,7 +217,7 @@ def _driven(rng: np.random.Generator, among: Plates) -> Scenario:
         start = float(rng.uniform(0.1, 0.3))
         duration = start + float(rng.uniform(0.8, 1.2))
         pulses = [
-            Pulse(at, among.pulse(rng), among.peak(rng), 2.0)
+            Pulse(at, max(among.pulse(rng), SAMPLED / rate), among.peak(rng), 2.0)
             for at in (0.0, float(rng.uniform(0.1, 0.4)))[: int(rng.integers(1, 3))]
         ]
         blows.append(

@@ -92,14 +92,18 @@ def candidate_effects(
         *output, rate, longest, noise, peak, recordings=recordings, moving=moving, tag=tag
     )
     rub = _ladder(load, 1e-5, 0.1, 7)
+    uneven = _with(
+        known['asymmetric_friction'],
+        ['force_forward', 'force_backward'],
+        force_forward=rub[1:6:2],
+        force_backward=rub[1:6:2],
+    )
+    if kind == 'driven' and '/s' in output[1]:
+        # the load that stays in it shows in a position alone, as an offset of it
+        uneven = dataclasses.replace(uneven, excludes=uneven.excludes - {'offset'})
     found = [
         _with(known['coulomb_friction'], ['force'], force=rub),
-        _with(
-            known['asymmetric_friction'],
-            ['force_forward', 'force_backward'],
-            force_forward=rub[1:6:2],
-            force_backward=rub[1:6:2],
-        ),
+        uneven,
         _with(
             known['stribeck_friction'],
             ['kinetic_force', 'excess_force'],
