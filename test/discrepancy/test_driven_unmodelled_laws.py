@@ -138,3 +138,12 @@ def test_a_law_stands_beside_what_explains_far_more_with_it(monkeypatch, beside,
     said = decided(monkeypatch, (600.0, beside), 570.0, ('coulomb_friction',), 1)
     assert said.left
     assert said.instead is instead
+
+
+@pytest.mark.parametrize(('sought', 'tried'), [(0, 2), (100, 102), (5000, LOOKS)])
+def test_a_law_counts_those_that_were_tried_and_those_of_which_it_is_the_best(sought, tried):
+    rng = np.random.default_rng(4)
+    white = whitening(np.full(1025, 1.0))
+    law = Group('a stiffness that swings', [rng.standard_normal(2 * SAMPLES)], sought=sought)
+    found = beside([rng.standard_normal(SAMPLES) for _ in range(2)], [white, white], [law])
+    assert next(f for f in found if f.law == law.law).tried == tried

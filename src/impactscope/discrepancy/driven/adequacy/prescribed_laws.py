@@ -75,7 +75,8 @@ def prescribed_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Ite
     residuals = [innovations(segments[i], made.residuals[i]) for i in fitted]
     longest = chosen[0].period * max(r.size for r in residuals)
     highest = min(FASTEST, 0.5 / chosen[0].period)
-    looks = max(LOOKS, round(SWINGS * highest * longest))
+    sought = round(SWINGS * highest * longest)
+    looks = max(LOOKS, sought)
     for what, shapes in (('stiffness', xs), ('damping', vs)):
         for frequency in _swings(residuals, shapes, chosen[0].period):
             waves = [
@@ -86,9 +87,9 @@ def prescribed_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Ite
                 for wave in (np.sin, np.cos)
             ]
             name = f'a {what} that swings at {frequency:.3g} Hz'
-            yield Group(name, [column(w) for w in waves], looks)
+            yield Group(name, [column(w) for w in waves], looks, sought=sought)
             if len(chosen) > 1:
-                yield Group(name, [c for w in waves for c in alone(w)], looks)
+                yield Group(name, [c for w in waves for c in alone(w)], looks, sought=sought)
 
 
 def _swings(residuals: Sequence[Array], shapes: Sequence[Array], period: float) -> list[float]:

@@ -73,6 +73,7 @@ class Group(NamedTuple):
     looks: int = LOOKS  # independent laws of which it is the best; more than LOOKS where sought
     shaped: Shaped | None = None  # where it goes on between the shapes that are tried first
     differs: bool = False  # a column for each recording, which must differ to be such a law
+    sought: int = 0  # independent laws of which it is the best one
 
 
 Laws = Callable[[Model, Fit, Sequence[Segment]], Iterator[Group]]
@@ -159,28 +160,28 @@ def unmodelled_laws(
         found.append(new)
 
     shapes: dict[str, tuple[float, Shaped]] = {}  # by the law, the best start
-    for law, columns, looks, shaped, differs in laws(model, made, segments):
+    for law, columns, looks, shaped, differs, sought in laws(model, made, segments):
         tried += 1
         if differs and not _differ(here, columns, looks):
             continue
         new = _beside(here, sizes, law, columns, looks)
         if new is None:
             continue
-        keep(new)
+        keep(dataclasses.replace(new, tried=sought))
         if shaped is not None and new.worth > shapes.get(law, (0.0, shaped))[0]:
             shapes[law] = new.worth, shaped
     for worth, shaped in shapes.values():
         if worth > LEAST_TO_SHAPE:
             for finer in _shaped(here, sizes, shaped):
-                keep(finer)
+                keep(dataclasses.replace(finer, tried=0))
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     whitened = [innovations(segments[i], made.residuals[i]) for i in fitted]
     # an axis at rest hunts between two readings of a coarse encoder: a line of its own rounding
     hunts = any(isinstance(segments[i].whitener, Stepped) for i in fitted)
     line = None if hunts else _line(whitened, segments[0].period)
     if line is not None:
-        found.append(line)
-    found = [dataclasses.replace(law, tried=min(tried, LOOKS)) for law in found]
+        found.append(dataclasses.replace(line, tried=0))
+    found = [dataclasses.replace(law, tried=min(law.tried + tried, LOOKS)) for law in found]
     return sorted(found, key=lambda s: -s.worth)
 
 
