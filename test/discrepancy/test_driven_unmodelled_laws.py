@@ -146,4 +146,4 @@ def test_a_law_counts_those_that_were_tried_and_those_of_which_it_is_the_best(so
     white = whitening(np.full(1025, 1.0))
     law = Group('a stiffness that swings', [rng.standard_normal(2 * SAMPLES)], sought=sought)
     found = beside([rng.standard_normal(SAMPLES) for _ in range(2)], [white, white], [law])
-    assert next(f for f in found if f.law == law.law).tried == tried
+    assert next(f for f in found if f.law == law.law).among_tried.looks == tried

@@ -89,13 +89,20 @@ class UnmodelledLaw:
     column: Array | None = None  # whitened change on the fitted recordings, shape (n,)
     plain: float | None = None  # the same chi-square without regard to what is left about it
     looks: int = LOOKS
-    tried: int = LOOKS  # laws that were held against the fit, if fewer
+    sought: int = 0  # independent laws of which it is the best one
+    tried: int = LOOKS  # that were held against the fit beside these
 
     @property
     def p_value(self) -> float:
         """Chance that the best of all laws gains this much where nothing is left."""
         single = float(stats.chi2.sf(self.gain, self.numbers))
         return float(-math.expm1(self.looks * math.log1p(-min(single, 1.0 - 1e-12))))
+
+    @property
+    def among_tried(self) -> UnmodelledLaw:
+        """The same as the best of what was held against a fit, where that was less than may be."""
+        fewer = LOOKS - min(self.tried + self.sought, LOOKS)
+        return dataclasses.replace(self, looks=self.looks - fewer)
 
     @property
     def worth(self) -> float:
@@ -167,21 +174,21 @@ def unmodelled_laws(
         new = _beside(here, sizes, law, columns, looks)
         if new is None:
             continue
-        keep(dataclasses.replace(new, tried=sought))
+        keep(dataclasses.replace(new, sought=sought))
         if shaped is not None and new.worth > shapes.get(law, (0.0, shaped))[0]:
             shapes[law] = new.worth, shaped
     for worth, shaped in shapes.values():
         if worth > LEAST_TO_SHAPE:
             for finer in _shaped(here, sizes, shaped):
-                keep(dataclasses.replace(finer, tried=0))
+                keep(finer)
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     whitened = [innovations(segments[i], made.residuals[i]) for i in fitted]
     # an axis at rest hunts between two readings of a coarse encoder: a line of its own rounding
     hunts = any(isinstance(segments[i].whitener, Stepped) for i in fitted)
     line = None if hunts else _line(whitened, segments[0].period)
     if line is not None:
-        found.append(dataclasses.replace(line, tried=0))
-    found = [dataclasses.replace(law, tried=min(law.tried + tried, LOOKS)) for law in found]
+        found.append(line)
+    found = [dataclasses.replace(law, tried=tried) for law in found]
     return sorted(found, key=lambda s: -s.worth)
 
 
@@ -313,7 +320,7 @@ def verdict(
     alone = sought(baseline)
     if best is baseline:
         # beside findings all laws count that may be: there their own errors look like laws, too
-        alone = dataclasses.replace(alone, looks=alone.looks - LOOKS + alone.tried)
+        alone = alone.among_tried
         left = alone.p_value < FALSE
         return Verdict(left, left, alone, 1.0 - alone.p_value if left else 0.0)
     beside = sought(best)

@@ -9,7 +9,6 @@ beside the others.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.fits.innovations import innovations
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
-from impactscope.discrepancy.driven.model_selection.chi_square import DELAYING, NoiseJudge
+from impactscope.discrepancy.driven.model_selection.chi_square import DELAYING, NoiseJudge, reduced
 from impactscope.discrepancy.driven.model_selection.model_comparison import Judge
 from impactscope.discrepancy.driven.models.measuring_chain import before_sampling, filter_of
 from impactscope.discrepancy.driven.models.model import Model, Segment
@@ -96,7 +95,7 @@ def noise_limited_search(
             break
         grown: list[Fit] = []
         for base in beam:
-            grown += _grow(fits, base, FITTED if depth == 0 else FITTED // 2)
+            grown += _grow(fits, base, judge, FITTED if depth == 0 else FITTED // 2)
         tell((depth + 1) / (DEPTH + 1))
         if not grown:
             break
@@ -134,28 +133,16 @@ def noise_limited_search(
 
 def _far_from_noise(judge: NoiseJudge, made: Fit) -> bool:
     """Whether more than noise is left of the recordings that were fitted, by its size alone."""
-    rows = zip(judge.chi_squares(made), judge.segments, strict=True)
-    fitted = [(left, s.measured.size) for left, s in rows if not s.held_out]
-    count = sum(size for _, size in fitted)
-    return math.fsum(left for left, _ in fitted) > (1.0 + MORE) * count
+    return reduced(judge, made) > 1.0 + MORE
 
 
-def _held_out_tell_more(fits: Fits, made: Fit) -> bool:
+def _held_out_tell_more(judge: NoiseJudge, made: Fit) -> bool:
     """Whether a fit leaves far more of recordings held out than of those that it was fitted to."""
-    excess = {True: 0.0, False: 0.0}
-    for held in excess:
-        chosen = [
-            innovations(s, r)
-            for s, r in zip(fits.segments, made.residuals, strict=True)
-            if s.held_out is held
-        ]
-        if not chosen:
-            return False
-        excess[held] = float(np.mean(np.concatenate(chosen) ** 2)) - 1.0
-    return excess[True] > MORE + FARTHER * max(excess[False], 0.0)
+    fitted, held_out = reduced(judge, made), reduced(judge, made, held_out=True)
+    return held_out - 1.0 > MORE + FARTHER * max(fitted - 1.0, 0.0)
 
 
-def _grow(fits: Fits, base: Fit, most: int) -> list[Fit]:
+def _grow(fits: Fits, base: Fit, judge: NoiseJudge, most: int) -> list[Fit]:
     """Fits with one term more; the friction family starts from its simplest member."""
     candidates = [look for look in fits.looks if all(look.term.stands_with(o) for o in base.terms)]
     here = fits.here if base is fits.place else None
@@ -176,7 +163,7 @@ def _grow(fits: Fits, base: Fit, most: int) -> list[Fit]:
         return dataclasses.replace(p, initial=begin, other=None)
 
     made = fits.make_each(base, chosen, improved)
-    if _held_out_tell_more(fits, base):
+    if _held_out_tell_more(judge, base):
         made += fits.make_each(base, fits.shown_by_all(base)[:OF_ALL])
     best = max(ranked, key=lambda p: p.gain, default=None)
     forms: set[tuple[bool, bool]] = set()
@@ -291,14 +278,14 @@ def _inside(one: Fit, other: Fit, segments: Sequence[Segment]) -> float:
     return gain
 
 
-def _against_rivals(fits: Fits, best: Fit, judge: Judge) -> Fit:
+def _against_rivals(fits: Fits, best: Fit, judge: NoiseJudge) -> Fit:
     """Each of several terms against what could stand in its place beside the others."""
     given = labels_of(fits.baseline.terms)
     new = [t for t in best.terms if t.label not in given]
     if len(new) > 1:
         for term in new:
             rest = tuple(t for t in best.terms if t.label != term.label)
-            _grow(fits, fits.make(best, rest, {}), FITTED // 2)
+            _grow(fits, fits.make(best, rest, {}), judge, FITTED // 2)
         same = [f for f in fits.known.values() if f.added <= best.added]
         rival = min(same, key=lambda f: judge.criterion(f, fits.baseline))
         if judge.criterion(rival, fits.baseline) < judge.criterion(best, fits.baseline):
