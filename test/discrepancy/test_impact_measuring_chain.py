@@ -11,7 +11,12 @@ from scipy import signal
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.data.binning import binned
-from impactscope.discrepancy.impact.models.measuring_chain import _ahead, coupled_since
+from impactscope.discrepancy.impact.models.measuring_chain import (
+    _ahead,
+    coupled_since,
+    distort,
+    unsure_at_end,
+)
 
 RATE = 80_000.0  # Hz, of the moments
 EXACT = 8e6  # Hz, at which bilinear and analogue filters are one
@@ -55,6 +60,39 @@ def test_what_lies_beyond_the_filter_does_nothing():
     course = contact(np.arange(0.0, 0.02, 1.0 / RATE))
     found = _ahead(course, RATE, {'order': 2, 'cutoff': 50.0 * RATE, 'zero_phase': 0})
     assert np.max(np.abs(found - course)) < 0.01
+
+
+def channel_of(samples, rate):
+    """Samples of a plate's accelerometer in bins."""
+    held = ChannelSamples('acceleration.plate', 'm/s^2', rate, 0.0, samples)
+    return binned(held, (0.0, 0.0, 1.0), 1e-3, None, coarse=False)
+
+
+@pytest.mark.parametrize('way', ['finely', 'before a cut'])
+@pytest.mark.parametrize('order', [1, 3])
+def test_where_a_recording_ends_in_motion_a_filter_without_a_phase_is_unsure(way, order):
+    rate, times, size = 4096.0, 16, 400
+    fine = np.arange(2 * size * times) / (times * rate)
+    course = np.exp(-10.0 * fine) * np.sin(2 * np.pi * 40.0 * fine)
+    sections = signal.butter(order, 370.0, fs=times * rate, output='sos')
+    seen = course if way == 'before a cut' else course[: size * times]
+    read = signal.sosfiltfilt(sections, seen)[: size * times : times]
+    channel = channel_of(read, rate)
+    numbers = {'order': order, 'cutoff': 370.0, 'zero_phase': 1}
+    clean = course[: size * times : times]
+    found = distort('low_pass_filter', clean, channel.time, channel, numbers)
+    unsure = unsure_at_end(clean, channel, numbers)
+    missed = np.abs(found - read)
+    assert np.max(missed[-5:]) > 2.5e-3
+    assert np.all(missed[20:] < unsure[20:] + 1e-3)
+    assert np.max(unsure[:-40]) < 1e-5
+
+
+def test_a_filter_that_runs_forwards_is_sure_of_a_recording_s_end():
+    course = np.sin(np.arange(300) / 7.0)
+    channel = channel_of(course, 4096.0)
+    numbers = {'order': 2, 'cutoff': 300.0, 'zero_phase': 0}
+    assert not np.any(unsure_at_end(course, channel, numbers))
 
 
 def resampled(campaign, channel, rate, cutoff, noise=None):

@@ -30,6 +30,7 @@ from impactscope.discrepancy.impact.models.measuring_chain import (
     moments_of,
     sample_moments,
     softened,
+    unsure_at_end,
 )
 from impactscope.discrepancy.impact.models.result_cache import ResultCache
 from impactscope.discrepancy.impact.models.standardised_residuals import standardised
@@ -306,6 +307,9 @@ class ImpactModel:
             if name in simulated.chain or name in simulated.whole:
                 mean = self._mean(simulated, channel)
                 residual = (channel.means[mask] - mean[mask]) / channel.std[mask]
+                unsure = self._unsure(simulated, channel)
+                if unsure is not None:
+                    residual = residual / np.hypot(1.0, unsure[mask] / channel.std[mask])
             else:
                 course = simulated.rows[:, CHANNELS[name][1]]
                 where, gain = simulated.where[name], simulated.gains[name]
@@ -371,7 +375,9 @@ class ImpactModel:
             blow = self.data.blows[i]
             simulated = self._simulated(values, i, layout.ends[i], tuple(blow.channels))
             for name, channel in blow.channels.items():
-                tells = channel.own_std / channel.std
+                unsure = self._unsure(simulated, channel)
+                std = channel.std if unsure is None else np.hypot(channel.std, unsure)
+                tells = channel.own_std / std
                 if name == 'acceleration.plate' and simulated.kinks.size:
                     jump = simulated.jump / channel.std
                     tells = softened(tells, jump, channel.centres, simulated.kinks)
@@ -423,6 +429,22 @@ class ImpactModel:
             start=start,
             end=until + _BEYOND,
         )
+
+    @staticmethod
+    def _unsure(simulated: _Simulated, channel: BinnedChannel) -> Array | None:
+        """How far each bin's mean is unknown at a recording's end, shape (n_bins,); None: not."""
+        name = channel.name
+        fine = simulated.whole.get(name, 0)
+        moments = sample_moments(channel, fine) if fine else np.zeros(0)
+        if not moments.size or moments[-1] > simulated.end:
+            return None
+        for kind, numbers in simulated.chain.get(name, ()):
+            if kind == 'low_pass_filter' and numbers['zero_phase'] > 0.5:
+                row = simulated.rows[simulated.where[name], CHANNELS[name][1]]
+                course = simulated.gains[name] * row
+                unsure = unsure_at_end(course, channel, numbers, fine)[::fine]
+                return np.asarray(np.add.reduceat(unsure, channel.edges) / channel.counts)
+        return None
 
     def _mean(self, simulated: _Simulated, channel: BinnedChannel) -> Array:
         """Means of a channel over its bins, shape (n_bins,), after all that its chain does."""

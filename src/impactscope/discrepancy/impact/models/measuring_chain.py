@@ -25,6 +25,7 @@ __all__ = [
     'moments_of',
     'sample_moments',
     'softened',
+    'unsure_at_end',
 ]
 
 Array = NDArray[np.float64]
@@ -39,6 +40,7 @@ _FINEST = 4e4  # moments in a second, that are enough
 _LINES = 200  # of an arc, that are summed
 _ADDED = ('offset', 'zero_drift', 'mains_hum')
 _BEFORE = 0.01  # s before a contact, in which an impactor is falling
+_REACH = 2.0  # of one over the cut-off, in which what a filter has seen fades
 _KINK_TIME = 1.5e-5  # s around a reversal in which a sample may fall on either side of its jump
 
 
@@ -172,6 +174,34 @@ def _low_pass(samples: Array, rate: float, numbers: Mapping[str, float]) -> Arra
     if numbers['zero_phase'] > 0.5:
         return np.asarray(signal.sosfiltfilt(sections, samples))
     return np.asarray(signal.sosfilt(sections, samples, zi=rest * samples[0])[0])
+
+
+def unsure_at_end(
+    course: Array, channel: BinnedChannel, numbers: Mapping[str, float], fine: int = 1
+) -> Array:
+    """How far a zero-phase low-pass is unknown at a recording's end, shape of ``course``.
+
+    It runs backwards from what comes after the last sample, and nobody says what that was: the
+    value held, the course mirrored through it, or more of a recording that was cut later. The
+    difference of the first two is the uncertainty; zero for a filter that runs forwards only.
+
+    Args:
+        course: that comes to the filter, up to the recording's last sample, shape (n,).
+        channel: that is filtered.
+        numbers: of the filter.
+        fine: moments for each sample.
+    """
+    unsure, rate = np.zeros(course.size), fine * channel.sample_rate
+    reach = min(course.size - 1, math.ceil(_REACH * rate / numbers['cutoff']))
+    if numbers['zero_phase'] <= 0.5 or reach < 1:
+        return unsure
+    last = course[-2 * reach :]
+    held = np.full(reach, last[-1])
+    mirrored = 2.0 * last[-1] - last[-2 : -2 - reach : -1]
+    longer = np.concatenate([last, held]), np.concatenate([last, mirrored])
+    either = [distort('low_pass_filter', c, last, channel, numbers, fine) for c in longer]
+    unsure[-last.size :] = np.abs(either[1] - either[0])[: last.size]
+    return unsure
 
 
 def _ahead(course: Array, rate: float, numbers: Mapping[str, float]) -> Array:

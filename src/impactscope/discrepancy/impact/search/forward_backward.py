@@ -503,7 +503,7 @@ class Search:
         if not better:
             return current
         best = better[0]
-        outcome.put_in_place_of_last(best, found)
+        outcome.put_in_place([candidate], best, found)
         return best.fit
 
     def _restarted(self, without: Fit, candidate: Candidate, looks: int) -> list[Found]:

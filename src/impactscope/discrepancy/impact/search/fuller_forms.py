@@ -61,12 +61,9 @@ def fuller(current: Fit, outcome: Outcome, false_finding: float, sound: Fit | No
         gain = evidence_for(best, current)
         if family_p_value(max(gain, 0.0), len(more), len(LEFT_ALONE)) > false_finding:
             continue
-        outcome.accepted[outcome.accepted.index(plain)] = form
-        known = outcome.found.pop(plain.label)
-        outcome.found[form.label] = dataclasses.replace(known, candidate=form, fit=best)
-        outcome.rivals[form.label] = outcome.rivals.pop(plain.label, [])
-        outcome.last = []
-        outcome.tests = None
+        known = dataclasses.replace(outcome.found[plain.label], candidate=form, fit=best)
+        outcome.put_in_place([plain], known, outcome.rivals.get(plain.label, ()))
+        outcome.last, outcome.tests = [], None
         current = best
     return current
 
@@ -99,12 +96,9 @@ def law_that_contains(
             if chance < false_finding and (best is None or criterion < best.criterion):
                 best = Found(law, made, known.gain + gain, known.p_value, criterion)
         if best is not None:
-            outcome.accepted[outcome.accepted.index(plain)] = best.candidate
-            rivals = outcome.rivals.pop(plain.label, [])
-            outcome.rivals[best.candidate.label] = [outcome.found.pop(plain.label), *rivals]
-            outcome.found[best.candidate.label] = best
-            outcome.last = []
-            outcome.tests = None
+            rivals = [outcome.found[plain.label], *outcome.rivals.get(plain.label, ())]
+            outcome.put_in_place([plain], best, rivals)
+            outcome.last, outcome.tests = [], None
             return best.fit
     return None
 
@@ -149,16 +143,10 @@ def law_in_place_of_two(
                 best = Found(law, made, gain, first.p_value, criterion)
         if best is None:
             continue
-        label = best.candidate.label
-        outcome.accepted = [c for c in outcome.accepted if c not in (plain, other)]
-        outcome.accepted.append(best.candidate)
-        rivals = [outcome.found.pop(plain.label), *outcome.rivals.pop(plain.label, [])]
-        del outcome.found[other.label]
-        outcome.rivals.pop(other.label, None)
-        outcome.rivals[label] = [f for f in rivals if f.candidate.label != label]
-        outcome.found[label] = dataclasses.replace(best, criterion=best.criterion - gain)
-        outcome.last = []
-        outcome.tests = None
+        best = dataclasses.replace(best, criterion=best.criterion - gain)
+        rivals = [first, *outcome.rivals.get(plain.label, ())]
+        outcome.put_in_place([plain, other], best, rivals)
+        outcome.last, outcome.tests = [], None
         return best.fit
     return None
 

@@ -89,7 +89,7 @@ def _weigh_rivals(outcome: Outcome) -> None:
     if not better:
         return
     best, predicted = min(better, key=lambda pair: pair[0].criterion)
-    outcome.put_in_place_of_last(best, [mine, *known])
+    outcome.put_in_place([candidate], best, [mine, *known])
     outcome.final, outcome.held_out_final = best.fit, predicted
     outcome.tests, outcome.modes = None, []
 

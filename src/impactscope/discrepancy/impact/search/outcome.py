@@ -68,14 +68,20 @@ class Outcome:
     held_out_final: Fit | None = None
     notes: list[str] = field(default_factory=list)
 
-    def put_in_place_of_last(self, best: Found, rivals: Sequence[Found]) -> None:
-        """Another finding in the place of the last one, with what else was fitted there."""
-        label = self.accepted[-1].label
-        del self.found[label]
-        self.rivals.pop(label, None)
-        self.accepted[-1] = best.candidate
-        self.found[best.candidate.label] = best
-        self.rivals[best.candidate.label] = [f for f in rivals if f is not best]
+    def put_in_place(
+        self, gone: Sequence[Candidate], best: Found, rivals: Sequence[Found]
+    ) -> None:
+        """Another finding in the place of one or more, with what else was fitted there."""
+        labels = {c.label for c in gone}
+        place = min(i for i, c in enumerate(self.accepted) if c.label in labels)
+        for label in labels:
+            self.found.pop(label, None)
+            self.rivals.pop(label, None)
+        kept = [c for c in self.accepted if c.label not in labels]
+        self.accepted = [*kept[:place], best.candidate, *kept[place:]]
+        label = best.candidate.label
+        self.found[label] = best
+        self.rivals[label] = [f for f in rivals if f.candidate.label != label]
 
 
 def evidence_for(joint: Fit, without: Fit) -> float:
