@@ -170,9 +170,14 @@ def coupled_since(
 
 
 def _low_pass(samples: Array, rate: float, numbers: Mapping[str, float]) -> Array:
-    sections, rest = _sections(round(numbers['order']), numbers['cutoff'], rate)
     if numbers['zero_phase'] > 0.5:
+        sections, _ = _sections(round(numbers['order']), numbers['cutoff'], rate)
         return np.asarray(signal.sosfiltfilt(sections, samples))
+    return _forwards(samples, rate, numbers)
+
+
+def _forwards(samples: Array, rate: float, numbers: Mapping[str, float]) -> Array:
+    sections, rest = _sections(round(numbers['order']), numbers['cutoff'], rate)
     return np.asarray(signal.sosfilt(sections, samples, zi=rest * samples[0])[0])
 
 
@@ -182,8 +187,9 @@ def unsure_at_end(
     """How far a zero-phase low-pass is unknown at a recording's end, shape of ``course``.
 
     It runs backwards from what comes after the last sample, and nobody says what that was: the
-    value held, the course mirrored through it, or more of a recording that was cut later. The
-    difference of the first two is the uncertainty; zero for a filter that runs forwards only.
+    value held, the course mirrored at it or through it, nothing, or more of a recording that was
+    cut later. How far the first four differ is the uncertainty; zero for a filter that runs
+    forwards only.
 
     Args:
         course: that comes to the filter, up to the recording's last sample, shape (n,).
@@ -195,12 +201,15 @@ def unsure_at_end(
     reach = min(course.size - 1, math.ceil(_REACH * rate / numbers['cutoff']))
     if numbers['zero_phase'] <= 0.5 or reach < 1:
         return unsure
+    once = _one_way if _acts_ahead(numbers, channel.sample_rate) else _forwards
     last = course[-2 * reach :]
     held = np.full(reach, last[-1])
-    mirrored = 2.0 * last[-1] - last[-2 : -2 - reach : -1]
-    longer = np.concatenate([last, held]), np.concatenate([last, mirrored])
-    either = [distort('low_pass_filter', c, last, channel, numbers, fine) for c in longer]
-    unsure[-last.size :] = np.abs(either[1] - either[0])[: last.size]
+    back = last[-2 : -2 - reach : -1]
+    ways = []
+    for more in (held, back, 2.0 * last[-1] - back, held[:0]):
+        forwards = once(np.concatenate([last, more]), rate, numbers)
+        ways.append(once(forwards[::-1], rate, numbers)[::-1][: last.size])
+    unsure[-last.size :] = np.maximum.accumulate(np.ptp(ways, axis=0))
     return unsure
 
 
