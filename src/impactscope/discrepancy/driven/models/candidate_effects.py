@@ -50,7 +50,7 @@ def candidate_effects(
     peak: float,
     recordings: int = 1,
     *,
-    moving: int = 0,
+    ends: tuple[int, int] = (0, 0),
     kind: str = 'driven',
     drive: str = '',
     tag: str = '',
@@ -67,7 +67,7 @@ def candidate_effects(
         noise: standard deviation of the output's noise.
         peak: largest sample of the output.
         recordings: their number.
-        moving: those that begin in motion, where a filter holds what was before.
+        ends: how many of them begin and how many end in motion, see :func:`channel_terms`.
         kind: ``driven``, ``free`` (no input) or ``axis`` (no spring).
         drive: the input channel's name.
         tag: tells the effects of several channels apart.
@@ -89,7 +89,7 @@ def candidate_effects(
         )
     }
     chain = channel_terms(
-        *output, rate, longest, noise, peak, recordings=recordings, moving=moving, tag=tag
+        *output, rate, longest, noise, peak, recordings=recordings, ends=ends, tag=tag
     )
     rub = _ladder(load, 1e-5, 0.1, 7)
     uneven = _with(

@@ -38,7 +38,7 @@ def channel_terms(
     delays: Sequence[float] = (),
     gain: bool = False,
     recordings: int = 1,
-    moving: int = 0,
+    ends: tuple[int, int] = (0, 0),
     tag: str = '',
 ) -> list[Term]:
     """Effects of the chain behind a channel.
@@ -53,7 +53,8 @@ def channel_terms(
         delays: s, from which a clock's offset is looked for besides.
         gain: whether a wrong gain would show.
         recordings: their number, fitted and held out.
-        moving: those of them that begin in motion: a filter holds what was before.
+        ends: how many of them begin, and how many end in motion: a filter holds what was before,
+            and one that runs backwards what came after.
         tag: tells the effects of several channels apart.
     """
     mark = f'@{tag}' if tag else ''
@@ -105,7 +106,7 @@ def channel_terms(
             ),
             Number('cutoff', 'Hz', cuts, 100.0, 0.1 / longest, 0.499 * rate),
             source='ISO 6487; SAE J211-1',
-            own=order * moving if kind == 'causal' else 0,
+            own=order * (ends[0] if kind == 'causal' else sum(ends)),
         )
         for order in ORDERS
         for kind, how in (('causal', 'forwards'), ('zero', 'forwards and backwards'))
@@ -157,7 +158,7 @@ def channel_terms(
             amounts=('offset',),
         )
     )
-    ends = f'{TAP} at the beginning and at the end'
+    taps = f'{TAP} at the beginning and at the end'
     found.append(
         term(
             'clock_error',
@@ -165,7 +166,7 @@ def channel_terms(
             (
                 "The channel's clock is off and runs at another rate.",
                 'stamp = t (1 + drift) + offset',
-                ends,
+                taps,
             ),
             offset,
             drift,
@@ -176,7 +177,7 @@ def channel_terms(
         term(
             'clock_error',
             'output-rate',
-            ("The channel's clock runs at another rate.", 'stamp = t (1 + drift)', ends),
+            ("The channel's clock runs at another rate.", 'stamp = t (1 + drift)', taps),
             Number('drift', '1', (1e-5,), 1e-5, -CLOCKS, CLOCKS),
             amounts=('drift',),
         )

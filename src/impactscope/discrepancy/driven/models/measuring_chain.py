@@ -23,9 +23,11 @@ __all__ = [
     'before_sampling',
     'begins_in_motion',
     'between_samples',
+    'count_in_motion',
     'delayed',
     'fading',
     'filter_of',
+    'in_motion',
     'passed_on',
     'power_passed',
     'power_retimed',
@@ -117,6 +119,17 @@ def _spectrum_of_held(samples: Array, pad: int) -> tuple[NDArray[np.complex128],
 def begins_in_motion(samples: Array) -> bool:
     """Whether samples, shape (n,), are not quiet at their beginning."""
     return float(np.std(_first(samples))) >= STILL * float(np.std(samples))
+
+
+def in_motion(samples: Array) -> tuple[bool, bool]:
+    """Whether samples, shape (n,), are not quiet at their beginning and at their end."""
+    return begins_in_motion(samples), begins_in_motion(samples[::-1])
+
+
+def count_in_motion(recordings: Sequence[Array]) -> tuple[int, int]:
+    """How many recordings, each of shape (n,), begin in motion, and how many end so."""
+    begin, end = zip(*map(in_motion, recordings), strict=True)
+    return sum(begin), sum(end)
 
 
 def _first(samples: Array) -> Array:
@@ -264,25 +277,40 @@ def fading(corner: float, rate: float, count: int) -> Array:
     return np.asarray(np.concatenate([keep ** np.arange(most), np.zeros(count - most)]))
 
 
-def _ringing(term: Term, cutoff: float, rate: float, rest: Array) -> Array:
-    """What a low-pass still holds of the time before a recording, as the rest has it, (n,)."""
+def _ringing(term: Term, cutoff: float, rate: float, rest: Array, at: tuple[bool, bool]) -> Array:
+    """What a low-pass holds of the time outside a recording, as the rest has it, shape (n,).
+
+    ``at``: whether the recording begins and ends in motion. A filter that runs backwards, too,
+    holds what came after.
+    """
+    order, both = filter_of(term)
+    held = np.zeros(rest.size)
     if before_sampling(term) or not 0.0 < cutoff < _highest(term) * rate:
-        return np.zeros(rest.size)
-    free = _free(filter_of(term)[0], cutoff, rate, rest.size)
-    return np.asarray(
-        (free @ rest[: free.shape[1]]) @ np.pad(free, ((0, 0), (0, rest.size - free.shape[1])))
-    )
+        return held
+    if at[0]:
+        free = _free(order, cutoff, rate, rest.size, back=both)
+        held[: free.shape[1]] = (free @ rest[: free.shape[1]]) @ free
+    if at[1] and both:
+        free = _free(order, cutoff, rate, rest.size)[:, ::-1]
+        last = slice(rest.size - free.shape[1], rest.size)
+        held[last] += (free @ (rest - held)[last]) @ free
+    return held
 
 
 @functools.lru_cache(maxsize=64)
-def _free(order: int, cutoff: float, rate: float, count: int) -> Array:
-    """What a low-pass gives without an input, orthonormal rows until it is forgotten."""
+def _free(order: int, cutoff: float, rate: float, count: int, *, back: bool = False) -> Array:
+    """What a low-pass gives without an input, orthonormal rows until it is forgotten.
+
+    ``back``: after it has run backwards over that, too.
+    """
     sections = _low_pass(order, cutoff, rate)
     slowest = float(np.max(np.abs(signal.sos2zpk(sections)[1])))
     most = min(count, 1 + int(-FORGOTTEN / math.log(slowest)))
     used = (sections[:, [1, 2]] != 0.0) | (sections[:, [4, 5]] != 0.0)  # a section may be short
     begins = np.eye(2 * len(sections))[used.ravel()].reshape(-1, len(sections), 2)
     rows = np.stack([signal.sosfilt(sections, np.zeros(most), zi=zi)[0] for zi in begins])
+    if back:
+        rows = signal.sosfilt(sections, rows[:, ::-1])[:, ::-1]
     _, size, free = np.linalg.svd(rows, full_matrices=False)
     return np.ascontiguousarray(free[size > 1e-9 * size[0]])
 
@@ -325,8 +353,8 @@ def passed_on(
     if 'zero_drift' in parts:
         y = y + values[f'{parts["zero_drift"].label}.rate'] * time
     if any(t.own for t in parts.values()):
-        moving = begins_in_motion(samples)
-        y = y + _of_its_own(y, parts, values, np.asarray(begin + time), rate, measured, moving)
+        at = in_motion(samples)
+        y = y + _of_its_own(y, parts, values, np.asarray(begin + time), rate, measured, at)
     if 'saturation' in parts:
         limit = values[f'{parts["saturation"].label}.limit']
         y = np.clip(y, -limit, limit)
@@ -340,7 +368,7 @@ def _of_its_own(
     time: Array,
     rate: float,
     measured: Array | None,
-    moving: bool,
+    at: tuple[bool, bool],
 ) -> Array:
     """What a recording has of its own: a filter's and a coupling's memory, and the hum, (n,)."""
     rest = np.zeros(y.size) if measured is None else measured - y
@@ -348,9 +376,9 @@ def _of_its_own(
         limit = values[f'{parts["saturation"].label}.limit']
         rest = np.where(np.abs(measured) < NEARLY * limit, rest, 0.0)
     total = np.zeros(y.size)
-    if 'low_pass_filter' in parts and parts['low_pass_filter'].own and moving:
+    if 'low_pass_filter' in parts and parts['low_pass_filter'].own:
         term = parts['low_pass_filter']
-        total += _ringing(term, values[f'{term.label}.cutoff'], rate, rest)
+        total += _ringing(term, values[f'{term.label}.cutoff'], rate, rest, at)
     if 'ac_coupling' in parts and parts['ac_coupling'].own:
         term = parts['ac_coupling']
         total += _running(values[f'{term.label}.corner'], rate, rest - total)

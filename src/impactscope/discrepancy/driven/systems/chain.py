@@ -24,8 +24,8 @@ from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit
 from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge
 from impactscope.discrepancy.driven.models.channel_effects import channel_terms
 from impactscope.discrepancy.driven.models.measuring_chain import (
-    begins_in_motion,
     between_samples,
+    count_in_motion,
     delayed,
     passed_on,
     power_passed,
@@ -194,7 +194,7 @@ def linear_chain(cuts: Sequence[Cut]) -> tuple[ChainModel, list[Segment], Fit]:
         delays=(lag,) if lag != 0.0 else (),
         gain=same,
         recordings=len(segments),
-        moving=sum(begins_in_motion(s.drive[0]) for s in segments),
+        ends=count_in_motion([s.drive[0] for s in segments]),
     )
     return ChainModel(numbers, tuple(terms)), segments, made
 

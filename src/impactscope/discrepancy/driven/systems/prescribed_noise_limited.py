@@ -32,6 +32,7 @@ from impactscope.discrepancy.driven.models import parameter_layout as at
 from impactscope.discrepancy.driven.models.candidate_effects import candidate_effects
 from impactscope.discrepancy.driven.models.measuring_chain import (
     begins_in_motion,
+    count_in_motion,
     passed_on,
     power_passed,
 )
@@ -490,7 +491,7 @@ def _terms(
         noise,
         force,
         len(segments),
-        moving=sum(begins_in_motion(s.measured) for s in segments),
+        ends=count_in_motion([s.measured for s in segments]),
         kind='driven' if 'stiffness' in made.values else 'axis',
         joint=unit == 'rad',
     )
