@@ -10,13 +10,12 @@ from scipy import signal
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.data.binning import binned
-from impactscope.discrepancy.impact.models.measuring_chain import (
-    _ahead,
-    coupled_since,
-    distort,
-    unsure_at_end,
-)
+from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
+from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.models.measuring_chain import _ahead, coupled_since
 
 RATE = 80_000.0  # Hz, of the moments
 EXACT = 8e6  # Hz, at which bilinear and analogue filters are one
@@ -60,39 +59,6 @@ def test_what_lies_beyond_the_filter_does_nothing():
     course = contact(np.arange(0.0, 0.02, 1.0 / RATE))
     found = _ahead(course, RATE, {'order': 2, 'cutoff': 50.0 * RATE, 'zero_phase': 0})
     assert np.max(np.abs(found - course)) < 0.01
-
-
-def channel_of(samples, rate):
-    """Samples of a plate's accelerometer in bins."""
-    held = ChannelSamples('acceleration.plate', 'm/s^2', rate, 0.0, samples)
-    return binned(held, (0.0, 0.0, 1.0), 1e-3, None, coarse=False)
-
-
-@pytest.mark.parametrize('way', ['finely', 'before a cut'])
-@pytest.mark.parametrize('order', [1, 2, 3, 4])
-@pytest.mark.parametrize('turned', [0.0, 0.7, 1.6])
-def test_where_a_recording_ends_in_motion_a_filter_without_a_phase_is_unsure(way, order, turned):
-    rate, times, size = 4096.0, 16, 400
-    fine = np.arange(2 * size * times) / (times * rate)
-    course = np.exp(-10.0 * fine) * np.sin(2 * np.pi * 40.0 * fine + turned)
-    sections = signal.butter(order, 370.0, fs=times * rate, output='sos')
-    seen = course if way == 'before a cut' else course[: size * times]
-    read = signal.sosfiltfilt(sections, seen)[: size * times : times]
-    channel = channel_of(read, rate)
-    numbers = {'order': order, 'cutoff': 370.0, 'zero_phase': 1}
-    clean = course[: size * times : times]
-    found = distort('low_pass_filter', clean, channel.time, channel, numbers)
-    unsure = unsure_at_end(clean, channel, numbers)
-    missed = np.abs(found - read)
-    assert np.all(missed[40:] < unsure[40:] + 1e-3)
-    assert np.max(unsure[:-40]) < 1e-4
-
-
-def test_a_filter_that_runs_forwards_is_sure_of_a_recording_s_end():
-    course = np.sin(np.arange(300) / 7.0)
-    channel = channel_of(course, 4096.0)
-    numbers = {'order': 2, 'cutoff': 300.0, 'zero_phase': 0}
-    assert not np.any(unsure_at_end(course, channel, numbers))
 
 
 def resampled(campaign, channel, rate, cutoff, noise=None):
@@ -177,3 +143,19 @@ def test_a_coupling_may_have_settled_on_a_fall_without_a_beginning():
     size = channel.time.size
     found = coupled_since(contact_at, course[:size], channel.time, channel, effects)
     assert found == pytest.approx(expected[:size], abs=1e-9)
+
+
+@pytest.mark.parametrize('both', [0, 1])
+def test_what_a_filter_without_a_phase_gives_at_the_end_counts_for_nothing(make_campaign, both):
+    campaign = make_campaign(48)
+    plain = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    wanted = f'low_pass_filter:force of order 2{", zero phase" if both else ""}'
+    listed = candidates(plain, campaign.baseline_names)
+    model = next(c for c in listed if c.label == wanted).extend(plain.model)
+    layout = model.layout(model.data.fitted)
+    for i in model.data.fitted:
+        for name, channel in model.data.blows[i].channels.items():
+            lost = plain.layout.masks[i, name] & ~layout.masks[i, name]
+            last = channel.centres[lost] > channel.time[-1] - 5e-3
+            assert np.all(last)
+            assert bool(np.any(lost)) == (both == 1 and name == 'force')

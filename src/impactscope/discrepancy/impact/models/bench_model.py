@@ -30,7 +30,6 @@ from impactscope.discrepancy.impact.models.measuring_chain import (
     moments_of,
     sample_moments,
     softened,
-    unsure_at_end,
 )
 from impactscope.discrepancy.impact.models.result_cache import ResultCache
 from impactscope.discrepancy.impact.models.standardised_residuals import standardised
@@ -56,6 +55,7 @@ SPEED_RATIO = 'impact_speed_loss.ratio'
 _SOLUTIONS = 8  # kept for each blow
 _MOMENTS, _WHITENERS = 60, 300  # kept
 _FILTERED = 256  # samples at least, that a filter is given
+_AHEAD = 4e-3  # s, from which a filter that runs backwards takes what it gives
 _BEYOND = 0.01  # s beyond the last bin of a layout, up to which is simulated
 _TELLS = 3.0  # of its noise, uncertainty of a bin up to which it is fitted
 _WHOLE = ('low_pass_filter', 'ac_coupling')  # effects that need every sample
@@ -251,8 +251,10 @@ class ImpactModel:
 
         Bins that tell next to nothing, because a bench does not repeat them, stay out. Taps
         count whole in all but the shortest windows, which for them begin when the hammer
-        has gone; or ``taps`` s of them, where that is given.
+        has gone; or ``taps`` s of them, where that is given. What a filter gives that runs
+        backwards, too, hangs on what came after a recording's end: right before it nothing counts.
         """
+        turned = {e.channel for e in self.effects if self.constants.get(f'{e.tag}.zero_phase')}
         masks, spans, blow_spans, ends, begin = {}, {}, {}, {}, 0
         for i in blows:
             blow = self.data.blows[i]
@@ -264,6 +266,8 @@ class ImpactModel:
             for name, channel in blow.channels.items():
                 mask = channel.used & (channel.centres < blow.settled + length)
                 mask &= channel.std < _TELLS * channel.own_std
+                if name in turned and channel.time.size:
+                    mask &= channel.centres < channel.time[-1] - _AHEAD
                 count = int(np.count_nonzero(mask))
                 masks[i, name] = mask
                 spans[i, name] = slice(begin, begin + count)
@@ -307,9 +311,6 @@ class ImpactModel:
             if name in simulated.chain or name in simulated.whole:
                 mean = self._mean(simulated, channel)
                 residual = (channel.means[mask] - mean[mask]) / channel.std[mask]
-                unsure = self._unsure(simulated, channel)
-                if unsure is not None:
-                    residual = residual / np.hypot(1.0, unsure[mask] / channel.std[mask])
             else:
                 course = simulated.rows[:, CHANNELS[name][1]]
                 where, gain = simulated.where[name], simulated.gains[name]
@@ -375,9 +376,7 @@ class ImpactModel:
             blow = self.data.blows[i]
             simulated = self._simulated(values, i, layout.ends[i], tuple(blow.channels))
             for name, channel in blow.channels.items():
-                unsure = self._unsure(simulated, channel)
-                std = channel.std if unsure is None else np.hypot(channel.std, unsure)
-                tells = channel.own_std / std
+                tells = channel.own_std / channel.std
                 if name == 'acceleration.plate' and simulated.kinks.size:
                     jump = simulated.jump / channel.std
                     tells = softened(tells, jump, channel.centres, simulated.kinks)
@@ -429,22 +428,6 @@ class ImpactModel:
             start=start,
             end=until + _BEYOND,
         )
-
-    @staticmethod
-    def _unsure(simulated: _Simulated, channel: BinnedChannel) -> Array | None:
-        """How far each bin's mean is unknown at a recording's end, shape (n_bins,); None: not."""
-        name = channel.name
-        fine = simulated.whole.get(name, 0)
-        moments = sample_moments(channel, fine) if fine else np.zeros(0)
-        if not moments.size or moments[-1] > simulated.end:
-            return None
-        for kind, numbers in simulated.chain.get(name, ()):
-            if kind == 'low_pass_filter' and numbers['zero_phase'] > 0.5:
-                row = simulated.rows[simulated.where[name], CHANNELS[name][1]]
-                course = simulated.gains[name] * row
-                unsure = unsure_at_end(course, channel, numbers, fine)[::fine]
-                return np.asarray(np.add.reduceat(unsure, channel.edges) / channel.counts)
-        return None
 
     def _mean(self, simulated: _Simulated, channel: BinnedChannel) -> Array:
         """Means of a channel over its bins, shape (n_bins,), after all that its chain does."""

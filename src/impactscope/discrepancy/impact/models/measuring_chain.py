@@ -25,7 +25,6 @@ __all__ = [
     'moments_of',
     'sample_moments',
     'softened',
-    'unsure_at_end',
 ]
 
 Array = NDArray[np.float64]
@@ -40,7 +39,6 @@ _FINEST = 4e4  # moments in a second, that are enough
 _LINES = 200  # of an arc, that are summed
 _ADDED = ('offset', 'zero_drift', 'mains_hum')
 _BEFORE = 0.01  # s before a contact, in which an impactor is falling
-_REACH = 2.0  # of one over the cut-off, in which what a filter has seen fades
 _KINK_TIME = 1.5e-5  # s around a reversal in which a sample may fall on either side of its jump
 
 
@@ -170,47 +168,10 @@ def coupled_since(
 
 
 def _low_pass(samples: Array, rate: float, numbers: Mapping[str, float]) -> Array:
-    if numbers['zero_phase'] > 0.5:
-        sections, _ = _sections(round(numbers['order']), numbers['cutoff'], rate)
-        return np.asarray(signal.sosfiltfilt(sections, samples))
-    return _forwards(samples, rate, numbers)
-
-
-def _forwards(samples: Array, rate: float, numbers: Mapping[str, float]) -> Array:
     sections, rest = _sections(round(numbers['order']), numbers['cutoff'], rate)
+    if numbers['zero_phase'] > 0.5:
+        return np.asarray(signal.sosfiltfilt(sections, samples))
     return np.asarray(signal.sosfilt(sections, samples, zi=rest * samples[0])[0])
-
-
-def unsure_at_end(
-    course: Array, channel: BinnedChannel, numbers: Mapping[str, float], fine: int = 1
-) -> Array:
-    """How far a zero-phase low-pass is unknown at a recording's end, shape of ``course``.
-
-    It runs backwards from what comes after the last sample, and nobody says what that was: the
-    value held, the course mirrored at it or through it, nothing, or more of a recording that was
-    cut later. How far the first four differ is the uncertainty; zero for a filter that runs
-    forwards only.
-
-    Args:
-        course: that comes to the filter, up to the recording's last sample, shape (n,).
-        channel: that is filtered.
-        numbers: of the filter.
-        fine: moments for each sample.
-    """
-    unsure, rate = np.zeros(course.size), fine * channel.sample_rate
-    reach = min(course.size - 1, math.ceil(_REACH * rate / numbers['cutoff']))
-    if numbers['zero_phase'] <= 0.5 or reach < 1:
-        return unsure
-    once = _one_way if _acts_ahead(numbers, channel.sample_rate) else _forwards
-    last = course[-2 * reach :]
-    held = np.full(reach, last[-1])
-    back = last[-2 : -2 - reach : -1]
-    ways = []
-    for more in (held, back, 2.0 * last[-1] - back, held[:0]):
-        forwards = once(np.concatenate([last, more]), rate, numbers)
-        ways.append(once(forwards[::-1], rate, numbers)[::-1][: last.size])
-    unsure[-last.size :] = np.maximum.accumulate(np.ptp(ways, axis=0))
-    return unsure
 
 
 def _ahead(course: Array, rate: float, numbers: Mapping[str, float]) -> Array:

@@ -534,7 +534,7 @@ class Search:
     def check(self, outcome: Outcome) -> None:
         """Let the held-out recordings judge; see :func:`check_held_out`."""
         judged = outcome.final
-        check_held_out(outcome, self.thresholds, _MOST)
+        check_held_out(outcome, self.thresholds, _MOST, self.windows[1])
         if outcome.accepted and outcome.final is not judged:
             outcome.final, outcome.factors = profiled(settled(outcome.final), outcome.accepted)
         _without_strayed_line(outcome)

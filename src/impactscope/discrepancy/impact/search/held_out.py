@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
-from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
+from impactscope.discrepancy.evidence import Thresholds, least_gain
 from impactscope.discrepancy.impact.fits.growing_windows import further_misfit, held_out_fit
 from impactscope.discrepancy.impact.fits.least_squares import Fit
-from impactscope.discrepancy.impact.search.outcome import Found, Outcome, with_findings
+from impactscope.discrepancy.impact.search.outcome import (
+    Found,
+    Outcome,
+    chance_of,
+    with_findings,
+)
+from impactscope.discrepancy.impact.search.pruning import drop_idle
 from impactscope.discrepancy.time_limit import time_left
 
 __all__ = ['check_held_out']
@@ -18,8 +25,13 @@ _OPEN = 10.0  # of the criterion, within which they decide between a finding and
 _RIVALS = 3  # of a finding, that are held against them
 
 
-def check_held_out(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
-    """Predict the held-out recordings; of at most ``most`` findings keep what they bear out."""
+def check_held_out(
+    outcome: Outcome, thresholds: Thresholds, most: int, window: float = math.inf
+) -> None:
+    """Predict the held-out recordings; of at most ``most`` findings keep what they bear out.
+
+    ``window``: the shortest that decides whether a finding is needed, s after the onset.
+    """
     held_out = outcome.final.model.data.held_out
     outcome.held_out_baseline = held_out_fit(outcome.baseline, held_out, outcome.window)
     outcome.held_out_final = outcome.held_out_baseline
@@ -27,7 +39,13 @@ def check_held_out(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
         outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
     if outcome.held_out_final is None:
         return
+    before = list(outcome.accepted)
     _confirm(outcome, thresholds, most)
+    if before and len(outcome.accepted) > len(before):
+        confirmed = outcome.final
+        drop_idle(outcome, thresholds, window)
+        if outcome.final is not confirmed:
+            outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
     _drop_contradicted(outcome, thresholds)
     _weigh_rivals(outcome)
 
@@ -120,13 +138,14 @@ def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
                 continue
             worse = further_misfit((outcome.final, outcome.held_out_final), (item.fit, predicted))
             gain = item.gain - worse / max(1.0, predicted.reduced)
-            if worse < -1.0 and gain > wanted:
+            chance = chance_of(item.candidate, item.fit, gain, outcome.looks)
+            if worse < -1.0 and chance < thresholds.false_finding:
                 able.append((item.criterion - gain + item.gain, gain, item, predicted))
         if not able:
             return
-        _, gain, best, predicted = min(able, key=lambda entry: entry[0])
-        chance = family_p_value(gain, best.candidate.cost, outcome.looks)
-        best = dataclasses.replace(best, gain=gain, p_value=chance)
+        criterion, gain, best, predicted = min(able, key=lambda entry: entry[0])
+        chance = chance_of(best.candidate, best.fit, gain, outcome.looks)
+        best = dataclasses.replace(best, gain=gain, p_value=chance, criterion=criterion)
         outcome.accepted.append(best.candidate)
         outcome.found[best.candidate.label] = best
         outcome.rivals[best.candidate.label] = [

@@ -19,6 +19,7 @@ __all__ = [
     'QUIET',
     'Found',
     'Outcome',
+    'chance_of',
     'evidence_for',
     'settled_without',
     'weigh',
@@ -104,13 +105,38 @@ def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
     places = _places(candidate, joint)
     samples = joint.layout.size
     criterion = information(candidate.price(gain, samples) - gain, 0, samples, places)
-    chance = family_p_value(gain, candidate.cost, looks * places)
+    chance = chance_of(candidate, joint, gain, looks)
     criterion += candidate.doubt
     # a line of any frequency, each recording with its own phase, must pay for all
     dear = places > 1 and information(-gain, candidate.cost, samples, places) > 0.0
     # of many numbers chance is sooner excluded than none of them is likelier than nothing
     dear |= bool(candidate.fitted) and criterion > 0.0
     return Found(candidate, joint, gain, chance, criterion, dear)
+
+
+def chance_of(candidate: Candidate, joint: Fit, gain: float, looks: int) -> float:
+    """Chance that the best of ``looks`` candidates gains this much where nothing is missing.
+
+    What rings for long has a narrow line, which could have been found at as many frequencies as
+    there are such lines: then these count, and not its frequency and damping as two numbers.
+    """
+    chance = family_p_value(gain, candidate.cost, looks * _places(candidate, joint))
+    lines = _lines(candidate, joint)
+    if lines > 1 and candidate.cost > 2:
+        chance = max(chance, family_p_value(gain, candidate.cost - 2, looks * lines))
+    return chance
+
+
+def _lines(candidate: Candidate, joint: Fit) -> int:
+    """At how many frequencies a part that rings as long as this one could have been found."""
+    tag = candidate.effects[0].tag if candidate.effects else ''
+    number = next((f for f in candidate.free if f.key == f'{tag}.frequency'), None)
+    ratio = joint.values.get(f'{tag}.damping_ratio')
+    if number is None or ratio is None:
+        return 1
+    longest = max(float(b.times[-1] - b.times[0]) for b in joint.model.data.blows)
+    width = max(2.0 * ratio * joint.values[number.key], 1.0 / longest)  # of its line, Hz
+    return max(1, round((number.upper - number.lower) / width))
 
 
 def _places(candidate: Candidate, joint: Fit) -> int:

@@ -27,7 +27,7 @@ from impactscope.discrepancy.impact.search.strong_effects import (
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['prune']
+__all__ = ['drop_idle', 'prune']
 
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
 _RIVALS = 3  # that are
@@ -55,24 +55,37 @@ def prune(
         candidate = left[-1] if len(left) == len(outcome.accepted) else left[0]
         done.add(candidate.label)
         progress(0.7 + 0.1 * len(done), f'without {candidate.label}')
-        rest = [c for c in outcome.accepted if c is not candidate]
-        kept = candidate.label in outcome.doubted
-        idle = rest and not kept
         beside = outcome.found[candidate.label]  # weighed as its rivals were
-        if idle and (
-            _as_stated(outcome.final, outcome.baseline.model, candidate)
-            or not _needed(outcome, candidate, rest, thresholds, window)
-        ):
-            outcome.accepted.remove(candidate)
-            outcome.final = with_findings(outcome, rest, outcome.final.layout)
-            continue
-        _swap(outcome, candidate, rest, beside)
+        if not _dropped(outcome, candidate, thresholds, window):
+            rest = [c for c in outcome.accepted if c is not candidate]
+            _swap(outcome, candidate, rest, beside)
     for candidate in tuple(outcome.accepted):  # others may have been swapped since
         rest = [c for c in outcome.accepted if c is not candidate]
         kept = candidate.label in outcome.doubted
         if rest and not kept and _as_stated(outcome.final, outcome.baseline.model, candidate):
             outcome.accepted.remove(candidate)
             outcome.final = with_findings(outcome, rest, outcome.final.layout)
+
+
+def drop_idle(outcome: Outcome, thresholds: Thresholds, window: float) -> None:
+    """Drop what the last finding has made idle; ``window`` is the shortest that decides, s."""
+    for candidate in outcome.accepted[:-1]:
+        _dropped(outcome, candidate, thresholds, window)
+
+
+def _dropped(
+    outcome: Outcome, candidate: Candidate, thresholds: Thresholds, window: float
+) -> bool:
+    """Whether a finding was dropped since it is not needed beside the others."""
+    rest = [c for c in outcome.accepted if c is not candidate]
+    if not rest or candidate.label in outcome.doubted:
+        return False
+    stated = _as_stated(outcome.final, outcome.baseline.model, candidate)
+    if not stated and _needed(outcome, candidate, rest, thresholds, window):
+        return False
+    outcome.accepted.remove(candidate)
+    outcome.final = with_findings(outcome, rest, outcome.final.layout)
+    return True
 
 
 def _as_stated(final: Fit, stated: ImpactModel, candidate: Candidate) -> bool:
