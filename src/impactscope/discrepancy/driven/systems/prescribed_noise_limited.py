@@ -61,6 +61,7 @@ ROUNDED = (0.002, 0.03)  # of the largest speed, in which friction turns round
 STUCK = (0.001,)  # of the largest travel, over which friction builds up; more is hysteresis
 MOST_STUCK = 0.004
 RELAXES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times over the motion's own, to set out from
+TOLD_LESS = 0.5  # of the space between knots, from an end
 ON_A_SAMPLE = 0.02  # of the time between samples, within which a motion turns round on one
 SLOW = 3.0  # times the noise of the speed, below which a motion may as well rest
 REST = 16  # samples at rest, after which slow noise is met anew
@@ -82,7 +83,7 @@ class PrescribedMotionNoise:
     wanders: Colour | None = None  # colour of the motion's noise, over its variance
     colour: Colour | None = None  # of the force's noise, over the variance of a sample
     slow: Forgetting | None = None  # whitens it
-    turns: NDArray[np.bool_] | None = None  # samples at which the motion turns or rests, (n,)
+    turns: NDArray[np.bool_] | None = None  # samples that do not count, see `_turns`, (n,)
     _kept: dict[int, tuple[Array, Array | None]] = field(
         init=False, repr=False, default_factory=dict
     )
@@ -345,13 +346,16 @@ def prescribed_case(
 
 
 def _turns(course: Trajectory, period: float, order: int) -> NDArray[np.bool_] | None:
-    """Samples at which the motion turns round or rests, shape (n,); None where there are none.
+    """Samples at which the motion turns round, rests or has an end; None where there are none.
 
-    Dry friction may have either sign there, or any force between: which, nobody knows.
+    Dry friction may have either sign there, or any force between: which, nobody knows. At an end
+    the course is told from one side only. Shape (n,).
     """
     _, speed, acceleration = course.motion
     turns = np.abs(speed) < ON_A_SAMPLE * period * np.abs(acceleration)
     turns |= _rests(course, period, order)
+    reach = min(math.ceil(TOLD_LESS / (2.0 * course.band * period)), turns.size // 8)
+    turns[:reach] = turns[turns.size - reach :] = True
     return turns if np.any(turns) else None
 
 
