@@ -58,6 +58,7 @@ _ALLOWED = 0.03  # of the noise of a sample: what two sound simulations may diff
 _FELT = 10.0  # norm of a weak effect
 _ALLOWED_ALONE = 0.015  # likewise, along one direction
 _BANDS = (60.0, 400.0)  # Hz, upper edges
+_SHORT_QUIET = 0.1  # s before a blow, that do not tell whether noise is white
 _BAND_LENGTH = 0.35  # s after the onset in which bands are looked at
 _QUIET = 2e-3  # s before the onset, up to which a channel is quiet
 _ROUNDED = 0.5  # of the noise: steps of a converter from which a quiet channel may stand still
@@ -474,8 +475,8 @@ def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int, float]]:
         if r.size < 32:
             continue
         length = float(time[-1] - time[0])
-        white = blow.channels[name].colour is None
         before = blow.onset - blow.recording.channels[name].start
+        white = blow.channels[name].colour is None and before > _SHORT_QUIET
         bent = name == 'acceleration.impactor'
         slowest = 0.0 if white else slowest_seen(before, bent=bent)
         low, power, terms = 0.0, 0.0, 0

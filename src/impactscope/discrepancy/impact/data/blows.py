@@ -19,7 +19,7 @@ from scipy import integrate, ndimage
 from impactscope.discrepancy.campaign import Campaign, CampaignRecording, ChannelSamples, Role
 from impactscope.discrepancy.evidence import noise_std
 from impactscope.discrepancy.impact.data.binning import BinnedChannel, binned, coarse_step, merged
-from impactscope.discrepancy.impact.noise.coloured_noise import Colour, colour_of
+from impactscope.discrepancy.impact.noise.coloured_noise import SHORTEST, Colour, colour_of
 from impactscope.errors import InputError
 from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation
 
@@ -351,7 +351,7 @@ def _about_release(before: Array) -> list[Array]:
     return [
         part - np.polyval(np.polyfit(t, part, 5), t)
         for part, t in zip(parts, swing, strict=True)
-        if part.size >= 64
+        if part.size >= SHORTEST
     ]
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 __all__ = [
+    'SHORTEST',
     'Colour',
     'colour_of',
     'slowest_seen',
@@ -27,7 +28,7 @@ __all__ = [
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_SHORTEST = 64  # samples of a quiet stretch
+SHORTEST = 24  # samples of a quiet stretch
 _GAIN = 5.0  # twice the logarithm of the likelihood, from which noise is not white
 _STEPS = 1500  # of the multiplicative kind
 _STEPS_AGAIN = 300  # the same from close by
@@ -126,7 +127,7 @@ def colour_of(
 
     ``bent``: a polynomial of a motion was taken off the stretches, and slow noise with it.
     """
-    quiet = [s for s in stretches if s.size >= _SHORTEST and np.isfinite(s).all()]
+    quiet = [s for s in stretches if s.size >= SHORTEST and np.isfinite(s).all()]
     if not quiet:
         return None
     longest = max(s.size for s in quiet)
