@@ -347,6 +347,8 @@ def _about_release(before: Array) -> list[Array]:
         return []
     jump = int(np.argmax(np.abs(np.cumsum(before - np.mean(before)))))
     parts = [before[: max(jump - 2, 0)], before[jump + 3 :]]
+    if max(part.size for part in parts) < SHORTEST:  # too short a time to be let go in
+        parts = [before]
     swing = [np.linspace(-1.0, 1.0, part.size) for part in parts]
     return [
         part - np.polyval(np.polyfit(t, part, 5), t)
