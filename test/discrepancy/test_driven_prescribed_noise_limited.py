@@ -91,6 +91,16 @@ def test_course_of_a_measured_speed():
     assert np.allclose(course.motion[0], np.sin(turn * time), atol=1e-5)
 
 
+def test_the_ends_of_a_course_count_for_nothing():
+    _, x, _ = next(motions())
+    course = trajectory_of(x + 1e-6 * np.random.default_rng(3).normal(size=x.size), 1.0 / RATE, 0)
+    out = _turns(course, 1.0 / RATE, 0)
+    reach = 0.25 * RATE / course.band
+    assert np.all(out[: int(reach)])
+    assert np.all(out[-int(reach) :])
+    assert np.count_nonzero(out[int(reach) + 2 : -int(reach) - 2]) < 0.05 * x.size
+
+
 def test_noise_of_the_motion_is_whitened():
     rng = np.random.default_rng(3)
     noise = PrescribedMotionNoise(

@@ -68,6 +68,16 @@ def test_remembering_noise_is_seen_and_whitened(share: float) -> None:
     assert abs(float(np.mean(rows[:, 1:] * rows[:, :-1]))) < 0.05
 
 
+@pytest.mark.parametrize('size', [30, 60])
+def test_short_stretches_tell_the_colour_together(size: int) -> None:
+    rng = np.random.default_rng(62)
+    for share in (0.8, 0.92):
+        found = colour_of([remembering(share, size, rng) for _ in range(7)], RATE)
+        assert found is not None
+        assert found.fresh == pytest.approx(np.sqrt(1.0 - share**2), rel=0.3)
+        assert found.std > 0.7  # slower noise is not ruled out
+
+
 def test_lines_that_tell_the_same_are_taken_together(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(61)
     quiet = [rng.standard_normal(6000) + 0.7 * remembering(0.96, 6000, rng) for _ in range(5)]

@@ -11,7 +11,11 @@ from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.fits.least_squares import at_point, fit
 from impactscope.discrepancy.impact.models.baseline import baseline_model
-from impactscope.discrepancy.impact.search.outcome import evidence_for, settled_without
+from impactscope.discrepancy.impact.search.outcome import (
+    chance_of,
+    evidence_for,
+    settled_without,
+)
 
 SIZE = 5000
 
@@ -93,3 +97,18 @@ def test_a_fixture_that_only_told_how_long_a_tap_was_tells_it_to_the_fit_without
     found = settled_without(joint, [fixture], astray)
     assert found.chi_square < plain.chi_square + 5.0
     assert found.model.constants['tap_duration@0'] == pytest.approx(joint.values['tap_duration@0'])
+
+
+def test_what_rings_for_long_could_have_been_found_at_many_frequencies(make_campaign):
+    campaign = make_campaign(6)
+    plain = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    listed = candidates(plain, campaign.baseline_names)
+    arm = next(c for c in listed if c.name == 'impactor_flexibility')
+    chances = []
+    for ratio in (0.3, 0.02, 0.002):
+        values = {**plain.values, f'{arm.name}.frequency': 130.0}
+        values[f'{arm.name}.damping_ratio'] = ratio
+        joint = SimpleNamespace(values=values, model=plain.model)
+        chances.append(chance_of(arm, joint, 30.0, 100))
+    assert chances == sorted(chances)
+    assert chances[0] < 3e-3 < chances[2]

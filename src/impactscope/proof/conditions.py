@@ -94,7 +94,7 @@ def _impact(rng: np.random.Generator, among: Impacts) -> Scenario:
     bench = bench._replace(gravity_load=1.0 if weight else 0.0)
     blows: list[Blow] = []
     for i in range(count):
-        start = float(rng.uniform(0.3, 0.6))
+        start = among.quiet(rng)
         duration = start + float(rng.uniform(0.6, 1.0))
         phase = float(rng.uniform(0, 2 * np.pi))
         role = 'hold_out' if i >= count - held else 'fit'

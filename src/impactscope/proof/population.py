@@ -59,6 +59,7 @@ class Impacts(NamedTuple):
     layer: Callable[[Generator], Mapping[str, float]]
     pendulum: Callable[[Generator], Pendulum]
     strikers: tuple[float, float, float]  # shares of pendulum, robot and falling body
+    quiet: Draw  # before a blow, s
 
 
 class Plates(NamedTuple):
@@ -113,6 +114,7 @@ PAPER = Population(
         layer=lambda _: LAYER,
         pendulum=lambda _: Pendulum(),
         strikers=(0.8, 0.12, 0.08),
+        quiet=_uniform(0.3, 0.6),
     ),
     Plates(
         rate=_one_of(5000, 10000),
@@ -168,6 +170,7 @@ WIDE = Population(
         layer=_any_layer,
         pendulum=_any_pendulum,
         strikers=(0.6, 0.25, 0.15),
+        quiet=_power_of_ten(-1.5, -0.2),
     ),
     Plates(
         rate=_one_of(1000, 2000, 4096, 10000, 20000),
