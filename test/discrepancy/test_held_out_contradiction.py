@@ -16,7 +16,8 @@ from impactscope.discrepancy.impact.search.outcome import Found, Outcome
 
 
 def candidate_of(name):
-    return SimpleNamespace(label=name, free=(SimpleNamespace(key=f'{name}.force'),))
+    number = SimpleNamespace(key=f'{name}.force')
+    return SimpleNamespace(label=name, name=name, free=(number,), effects=(), cost=1)
 
 
 def found_of(candidate, criterion, refused=False, size=100):
@@ -118,16 +119,42 @@ def test_fits_confirm_what_they_have_beside_what_is_accepted(monkeypatch, name, 
     monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: SimpleNamespace(reduced=1.0))
     outcome = outcome_of(50.0)
     item = found_of(candidate_of(name), -40.0)
-    item.candidate.cost = 1
     item.fit.model.free += tuple(SimpleNamespace(key=key) for key in beside)
     outcome.last = [item]
     monkeypatch.setattr(
         held_out, 'further_misfit', lambda _, after: -9.0 if after[0] is item.fit else 0.0
     )
+    monkeypatch.setattr(held_out, 'drop_idle', lambda *_: None)
     held_out.check_held_out(outcome, Thresholds(), 3)
     labels = [c.label for c in outcome.accepted]
     assert labels == ['coulomb_friction', *(['hysteresis'] if confirmed else [])]
     assert set(labels) <= set(outcome.found)
+
+
+def test_what_held_out_recordings_confirm_may_make_an_earlier_finding_idle(monkeypatch):
+    outcome = outcome_of(50.0)
+    item = found_of(candidate_of('hysteresis'), -40.0)
+    outcome.last = [item]
+    alone = SimpleNamespace(**vars(item.fit))
+    predicted = {id(alone): SimpleNamespace(reduced=1.1)}
+
+    def drop(changed, *_):
+        changed.accepted = changed.accepted[1:]
+        changed.final = alone
+
+    monkeypatch.setattr(held_out, 'drop_idle', drop)
+    monkeypatch.setattr(
+        held_out,
+        'held_out_fit',
+        lambda fit, *_: predicted.get(id(fit), SimpleNamespace(reduced=1.0)),
+    )
+    monkeypatch.setattr(
+        held_out, 'further_misfit', lambda _, after: -9.0 if after[0] is item.fit else 0.0
+    )
+    held_out.check_held_out(outcome, Thresholds(), 3)
+    assert [c.label for c in outcome.accepted] == ['hysteresis']
+    assert outcome.held_out_final is predicted[id(alone)]
+    assert outcome.found['hysteresis'].criterion == -49.0  # with what these recordings gave
 
 
 def test_what_one_set_of_numbers_meets_is_not_missing(make_campaign):

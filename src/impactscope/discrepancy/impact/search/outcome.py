@@ -131,7 +131,7 @@ def _lines(candidate: Candidate, joint: Fit) -> int:
     """At how many frequencies a part that rings as long as this one could have been found."""
     tag = candidate.effects[0].tag if candidate.effects else ''
     number = next((f for f in candidate.free if f.key == f'{tag}.frequency'), None)
-    ratio = joint.values.get(f'{tag}.damping_ratio')
+    ratio = None if number is None else joint.values.get(f'{tag}.damping_ratio')
     if number is None or ratio is None:
         return 1
     longest = max(float(b.times[-1] - b.times[0]) for b in joint.model.data.blows)
