@@ -307,7 +307,7 @@ def prescribed_case(
         bands = [
             (w.motion, w.band, w.ends, w.wanders, w.turns)
             for w in known
-            if isinstance(w, PrescribedMotionNoise)
+            if isinstance(w, PrescribedMotionNoise) and w.turns is not None
         ]
     noise = _noise(cuts, segments, best or made, [turns for *_, turns in bands])
     if not noise > 0.0:
@@ -345,18 +345,18 @@ def prescribed_case(
     )
 
 
-def _turns(course: Trajectory, period: float, order: int) -> NDArray[np.bool_] | None:
-    """Samples at which the motion turns round, rests or has an end; None where there are none.
+def _turns(course: Trajectory, period: float, order: int) -> NDArray[np.bool_]:
+    """Samples at which the motion turns round, rests or has an end, shape (n,).
 
     Dry friction may have either sign there, or any force between: which, nobody knows. At an end
-    the course is told from one side only. Shape (n,).
+    the course is told from one side only.
     """
     _, speed, acceleration = course.motion
     turns = np.abs(speed) < ON_A_SAMPLE * period * np.abs(acceleration)
     turns |= _rests(course, period, order)
     reach = min(math.ceil(TOLD_LESS / (2.0 * course.band * period)), turns.size // 8)
     turns[:reach] = turns[turns.size - reach :] = True
-    return turns if np.any(turns) else None
+    return np.asarray(turns)
 
 
 def _rests(course: Trajectory, period: float, order: int) -> NDArray[np.bool_]:
