@@ -288,6 +288,7 @@ def prescribed_case(
     """
     if derivative_of(cuts[0].drive_unit) > 1:
         return None
+    bands: list[tuple[float, float, Array, Colour | None, NDArray[np.bool_] | None]]
     if found is None:
         courses = [_course(c) for c in cuts]
         if not all(np.all(np.isfinite(k.motion)) for k in courses):
@@ -307,7 +308,7 @@ def prescribed_case(
         bands = [
             (w.motion, w.band, w.ends, w.wanders, w.turns)
             for w in known
-            if isinstance(w, PrescribedMotionNoise) and w.turns is not None
+            if isinstance(w, PrescribedMotionNoise)
         ]
     noise = _noise(cuts, segments, best or made, [turns for *_, turns in bands])
     if not noise > 0.0:

@@ -39,9 +39,9 @@ def check_held_out(
         outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
     if outcome.held_out_final is None:
         return
-    before = list(outcome.accepted)
+    before = len(outcome.accepted)
     _confirm(outcome, thresholds, most)
-    if before and len(outcome.accepted) > len(before):
+    if 0 < before < len(outcome.accepted):
         confirmed = outcome.final
         drop_idle(outcome, thresholds, window)
         if outcome.final is not confirmed:

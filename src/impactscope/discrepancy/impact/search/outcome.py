@@ -13,7 +13,7 @@ from impactscope.discrepancy.evidence import borne_by_many, family_p_value, info
 from impactscope.discrepancy.impact.adequacy.residual_tests import LONE, TOLD, Adequacy
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
-from impactscope.discrepancy.impact.models.bench_model import Layout
+from impactscope.discrepancy.impact.models.bench_model import Free, Layout
 
 __all__ = [
     'QUIET',
@@ -134,9 +134,13 @@ def _lines(candidate: Candidate, joint: Fit) -> int:
     ratio = None if number is None else joint.values.get(f'{tag}.damping_ratio')
     if number is None or ratio is None:
         return 1
+    return _lines_within(number, 2.0 * ratio * joint.values[number.key], joint)
+
+
+def _lines_within(frequency: Free, width: float, joint: Fit) -> int:
+    """How many lines lie apart in the range of a frequency, each of a width (Hz) or wider."""
     longest = max(float(b.times[-1] - b.times[0]) for b in joint.model.data.blows)
-    width = max(2.0 * ratio * joint.values[number.key], 1.0 / longest)  # of its line, Hz
-    return max(1, round((number.upper - number.lower) / width))
+    return max(1, round((frequency.upper - frequency.lower) / max(width, 1.0 / longest)))
 
 
 def _places(candidate: Candidate, joint: Fit) -> int:
@@ -147,8 +151,7 @@ def _places(candidate: Candidate, joint: Fit) -> int:
     frequency = joint.values[key]
     if any(abs(frequency - n * mains) < _MAINS_BAND for mains in (50.0, 60.0) for n in (1, 2, 3)):
         return 1
-    longest = max(float(b.times[-1] - b.times[0]) for b in joint.model.data.blows)
-    return max(1, round((candidate.free[0].upper - candidate.free[0].lower) * longest))
+    return _lines_within(candidate.free[0], 0.0, joint)
 
 
 def with_findings(outcome: Outcome, chosen: Sequence[Candidate], layout: Layout) -> Fit:

@@ -70,7 +70,9 @@ def prune(
 def drop_idle(outcome: Outcome, thresholds: Thresholds, window: float) -> None:
     """Drop what the last finding has made idle; ``window`` is the shortest that decides, s."""
     for candidate in outcome.accepted[:-1]:
-        _dropped(outcome, candidate, thresholds, window)
+        known = outcome.found[candidate.label]  # weighed as its rivals were
+        if not _dropped(outcome, candidate, thresholds, window):
+            outcome.found[candidate.label] = known
 
 
 def _dropped(
