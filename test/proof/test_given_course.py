@@ -190,8 +190,8 @@ def test_a_fast_branch_and_a_low_pass_look_alike_and_a_slow_one_does_not():
 
     def look_alikes(chosen, aux):
         strength, _ = solve_strength(freedom, chosen, aux, 10.0)
-        left, _ = freedom.fitted(chosen.apply(scenario, strength, aux))
-        return alternatives(np.random.default_rng(0), freedom, left, {chosen.key})
+        truth = chosen.apply(scenario, strength, aux)
+        return alternatives(np.random.default_rng(0), freedom, truth, {chosen.key})
 
     filtered = {'channel': 'force.damper', 'order': 2, 'zero_phase': 0}
     assert branch.name in look_alikes(low_pass, filtered)

@@ -121,13 +121,12 @@ class _Slopes:
 class Freedom:
     """What a baseline can re-tune: its sensitivities, and what a truth leaves beside it."""
 
-    def __init__(self, baseline: Scenario, companion: Companion | None = None) -> None:
-        """``companion``: an effect beside the baseline; its strength is one more knob."""
+    def __init__(self, baseline: Scenario, *companions: Companion) -> None:
+        """``companions``: effects beside the baseline; the strength of each is one more knob."""
         self.baseline = baseline
-        self._companion = companion
+        self._companions = companions
         self.knobs = _knobs(baseline)
-        if companion is not None:
-            self.knobs.append(Knob(_COMPANION, 1e-3))
+        self.knobs += [Knob(_COMPANION, 1e-3)] * len(companions)
         self.scenario = self._tuned(np.zeros(len(self.knobs)))
         self._prior = np.array([k.std**-2 for k in self.knobs])
         self._leads = _leads(baseline)
@@ -179,7 +178,7 @@ class Freedom:
             linear: by the sensitivities at the baseline alone (quick; right when small).
         """
         if self._leads:  # what is compared is the motion under the force as recorded
-            led = Freedom(self.baseline.led_by(truth), self._companion)
+            led = Freedom(self.baseline.led_by(truth), *self._companions)
             return led.fitted(truth, linear=linear)
         target = samples(truth, self.baseline)
         if linear:
@@ -299,9 +298,14 @@ class Freedom:
                 if knob.blow in (-1, i) and only in (-1, i):
                     blows[i] = _turned(blow, knob.name, value, self.baseline)
         tuned = replace(self.baseline, blows=tuple(blows), chains=chains)
-        if self._companion is None:
-            return tuned
-        return self._companion(tuned, float(np.clip(1 + change[-1], *_COMPANION_SHARE)))
+        shares = change[len(change) - len(self._companions) :]
+        for companion, value in zip(self._companions, shares, strict=True):
+            tuned = companion(tuned, float(np.clip(1 + value, *_COMPANION_SHARE)))
+        return tuned
+
+    def beside(self, companion: Companion) -> Freedom:
+        """The freedom of the same baseline with one more companion."""
+        return Freedom(self.baseline, *self._companions, companion)
 
 
 def _leads(scenario: Scenario) -> bool:

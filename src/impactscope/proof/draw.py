@@ -59,7 +59,7 @@ _DRAWS = 30  # until the wanted channel comes; some effects are of one channel o
 # ideal observer errs in Phi(-d'/2), here in one of twenty.
 CONFUSABLE = 3.29
 ALIKE = 1.0  # an alternative that leaves less needs no other draw of its shape
-_AROUND = (0.8, 0.9, 1.0, 1.1, 1.25)  # of a strength that was found by simulation
+_NEAR = 0.5  # of d', less than which an alternative leaves that is looked at closer
 TRIES = 2  # draws of its shape with either sign
 
 
@@ -132,8 +132,7 @@ def draw(
     part = _part(chosen, strength, aux, size)
     confusable = {}
     if classes and size >= 1:
-        left, _ = freedom.fitted(truth)
-        confusable = alternatives(rng, freedom, left, {chosen.key}, kin=_kin(chosen))
+        confusable = alternatives(rng, freedom, truth, {chosen.key}, kin=_kin(chosen))
     return Concealed(baseline, truth, category, (part,), size, confusable)
 
 
@@ -157,20 +156,21 @@ def solve_strength(
 def alternatives(
     rng: np.random.Generator,
     freedom: Freedom,
-    left: Sequence[Array],
+    truth: Scenario,
     skip: Collection[str],
     limit: float = CONFUSABLE,
     kin: Collection[str] = (),
 ) -> dict[str, float]:
-    """Mechanisms that would explain a remainder as well, and the d' each would leave.
+    """Mechanisms that would explain a truth as well, and the d' each would leave.
 
     Every effect of the library but those whose keys are in ``skip`` is given the same d', an
-    effect of the measuring chain in the channel that shows most of the remainder. Its own
-    remainder is subtracted in the best proportion, 0 to 2; what it cannot remove is its d'.
-    The strength is that of linear re-tuning, and for those named in ``kin`` that of the baseline
-    simulated anew, too: what is re-tuned of a dry friction hangs on how strong it is.
+    effect of the measuring chain in the channel that shows most of what the baseline leaves. Its
+    own remainder is subtracted in the best proportion, 0 to 2; what it cannot remove is its d'.
+    Where that is near, and for those named in ``kin``, the baseline is re-tuned anew with the
+    other effect in it, its strength as one more number: two remainders that were re-tuned apart
+    differ by what both can be re-tuned by, and how a dry friction looks hangs on its strength.
     """
-    size = norm(left)
+    left, size = freedom.fitted(truth)
     found: dict[str, float] = {}
     if size < 1e-9:  # the baseline hides it completely: there is nothing to look like
         return found
@@ -191,30 +191,17 @@ def alternatives(
                 rest = _without(left, mine, reached)
                 if rest > 0.7 * size:  # nothing like it: no need to look closer
                     break
-            if rest > ALIKE and other.name in kin:
-                rest = min(rest, _simulated_anew(freedom, other, aux, left, strength))
-            if rest < limit and rest < 0.5 * size:
+            if ALIKE < rest < _NEAR * size or other.name in kin:
+                if other.name in kin:
+                    strength, _ = _search(freedom, other, aux, size, strength, linear=False)
+                beside = freedom.beside(_applied(other, strength, aux))
+                with contextlib.suppress(InputError):
+                    rest = min(rest, beside.detectability(truth))
+            if rest < limit and rest < _NEAR * size:
                 found[other.name] = min(rest, found.get(other.name, math.inf))
             if not aux or found.get(other.name, math.inf) < ALIKE:  # nothing else to try
                 break
     return dict(sorted(found.items(), key=lambda item: item[1]))
-
-
-def _simulated_anew(
-    freedom: Freedom,
-    other: Effect,
-    aux: Mapping[str, float | str],
-    left: Sequence[Array],
-    start: float,
-) -> float:
-    """What is left of a remainder without another effect, at strengths around its own."""
-    strength, _ = _search(freedom, other, aux, norm(left), start, linear=False, trials=8)
-    rests = []
-    for share in _AROUND:
-        turned = other.apply(freedom.scenario, share * strength, aux)
-        with contextlib.suppress(InputError):
-            rests.append(_without(left, *freedom.fitted(turned)))
-    return min(rests, default=math.inf)
 
 
 def _without(left: Sequence[Array], mine: Sequence[Array], reached: float) -> float:
@@ -288,11 +275,11 @@ def _pair(rng: np.random.Generator, clean: Scenario, *, classes: bool) -> Concea
     confusable: dict[str, float] = {}
     for (effect, strength, aux), other in zip(turned, turned[::-1], strict=True):
         beside = Freedom(baseline, _applied(*other))
-        left, reached = beside.fitted(truth)
+        reached = beside.detectability(truth)
         parts.append(_part(effect, strength, aux, reached))
         if classes and reached >= 1:
             confusable |= alternatives(
-                rng, beside, left, {effect.key, other[0].key}, kin=_kin(effect)
+                rng, beside, truth, {effect.key, other[0].key}, kin=_kin(effect)
             )
     size = min(p.detectability for p in parts)
     return Concealed(baseline, truth, 'pair', tuple(parts), size, confusable)
