@@ -31,11 +31,14 @@ __all__ = [
     'price',
     'probabilities',
     'quantisation_step',
+    'spread_over_minima',
     'spread_p_value',
 ]
 
 Array = NDArray[np.float64]
 
+_INTERVAL, _HELD = 1.96, 0.95  # standard deviations to either side, and what lies between
+_HALVINGS = 30
 BESIDE_UNKNOWN = 0.7  # of a finding's probability, at most, where something is not known
 
 
@@ -129,6 +132,27 @@ def first_discoveries(p_values: Sequence[float], rate: float) -> NDArray[np.bool
     found = np.zeros(p.size, dtype=np.bool_)
     found[order[: last + 1]] = True
     return found
+
+
+def spread_over_minima(std: float, away: Sequence[float], likely: Sequence[float]) -> float:
+    """Standard deviation whose 95 % interval holds 95 % of what several minima leave likely.
+
+    Args:
+        std: of the number in each of them.
+        away: of each, its distance from the value that is told.
+        likely: of each, its likelihood, in one unit.
+    """
+    shares = [share / sum(likely) for share in likely]
+    low, high = std, std + max(away)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        reach = _INTERVAL * middle
+        held = sum(
+            share * float(stats.norm.cdf(reach, d, std) - stats.norm.cdf(-reach, d, std))
+            for d, share in zip(away, shares, strict=True)
+        )
+        low, high = (low, middle) if held > _HELD else (middle, high)
+    return high
 
 
 def spread_p_value(residuals: Array) -> float:

@@ -6,6 +6,7 @@ changes.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 
@@ -13,7 +14,13 @@ import numpy as np
 
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import Campaign
-from impactscope.discrepancy.driven.adequacy.unmodelled_laws import Verdict, verdict
+from impactscope.discrepancy.driven.adequacy.unmodelled_laws import (
+    BESIDE,
+    UnmodelledLaw,
+    Verdict,
+    unmodelled_laws,
+    verdict,
+)
 from impactscope.discrepancy.driven.data.recordings import Cut, cuts
 from impactscope.discrepancy.driven.findings.describe import describe
 from impactscope.discrepancy.driven.findings.residual_size import (
@@ -31,6 +38,7 @@ from impactscope.discrepancy.driven.noise.spectral_whitening import counting_sha
 from impactscope.discrepancy.driven.search.beam_search import Outcome
 from impactscope.discrepancy.driven.search.joint_fits import labels_of
 from impactscope.discrepancy.driven.search.noise_limited_search import noise_limited_search
+from impactscope.discrepancy.driven.search.other_minima import knowing_other_minima
 from impactscope.discrepancy.driven.search.screening import prospects, screened
 from impactscope.discrepancy.driven.systems.case import Case
 from impactscope.discrepancy.driven.systems.chain import ChainModel, chain_case
@@ -81,6 +89,8 @@ MOSTLY_SLOW = 2.0  # times its changes from sample to sample: what is left is mo
 PROSPECTS, STEPS = 4, 2  # effects that are fitted, each beside the best one before
 MOST_LOOKED_AT = 45_000  # samples of a plate far from its noise that are looked at so
 LEVEL = 0.02  # relative change of the noise's level that matters
+CHANCE = 3.0  # standard deviations of chi-square, up to which what is left is noise
+WITH_A_LAW = 3  # effects, of those with the best criterion, beside which a law is looked for
 NONE_LEFT = 0.1  # of the noise, that a law leaves at least
 
 
@@ -328,6 +338,7 @@ def _exact(
     white, (case, outcome, said) = case, best
     known = tuple(notes) if case is white else (*notes, SLOW_NOISE)
     said = more_than_noise(case, outcome, said)
+    outcome = _with_other_minima(case, outcome)
     if case is not white and outcome.best is outcome.baseline and not said.left:
         known += _taken_for_slow_noise(case, outcome.best)
     tell(0.95 * share, 'describing')
@@ -380,7 +391,54 @@ def _searched(
     said = verdict(
         case.laws, case.model, baseline, outcome.best, gain, case.segments, case.settled
     )
-    return case, outcome, said
+    return case, *_beside_an_effect(case, outcome, said)
+
+
+def _beside_an_effect(case: Case, outcome: Outcome, said: Verdict) -> tuple[Outcome, Verdict]:
+    """An effect and a law beyond the library that explain to the noise what neither does alone.
+
+    What the law leaves beside the effect alone makes the effect look like the error of another.
+    """
+    judge, baseline = case.judge, outcome.baseline
+    if outcome.best is not baseline or not said.left:
+        return outcome, said
+    if _leaves_noise(case, baseline, said.strongest):
+        return outcome, said
+    several = sorted(outcome.rivals, key=lambda f: judge.criterion(f, baseline))
+    for made in [f for f in several if len(f.terms) == 1 + len(baseline.terms)][:WITH_A_LAW]:
+        if not judge.gain(baseline, made).held_out_worse:
+            law = unmodelled_laws(case.laws, case.model, *_settled(case, made))[0]
+            if _leaves_noise(case, made, law) and law.p_value < BESIDE:
+                found = Outcome(baseline, made, outcome.rivals, True)
+                return found, Verdict(True, False, law, 1.0 - law.p_value)
+    return outcome, said
+
+
+def _with_other_minima(case: Case, outcome: Outcome) -> Outcome:
+    given = labels_of(outcome.baseline.terms)
+    new = [t for t in outcome.best.terms if t.label not in given]
+    best = knowing_other_minima(case.model, case.judge, outcome.best, new) if new else outcome.best
+    return dataclasses.replace(outcome, best=best)
+
+
+def _settled(case: Case, made: Fit) -> tuple[Fit, Sequence[Segment]]:
+    return (made, case.segments) if case.settled is None else case.settled(made)
+
+
+def _fitted(case: Case, made: Fit) -> float:
+    """Chi-square of the fitted recordings."""
+    pairs = zip(case.segments, case.judge.chi_squares(made), strict=True)
+    return math.fsum(chi for s, chi in pairs if not s.held_out)
+
+
+def _plainly(law: UnmodelledLaw) -> float:
+    return law.gain if law.plain is None else law.plain
+
+
+def _leaves_noise(case: Case, made: Fit, law: UnmodelledLaw) -> bool:
+    """Whether a law beside a fit leaves what noise does, to within its chance."""
+    size = sum(s.measured.size for s in case.segments if not s.held_out)
+    return _fitted(case, made) - _plainly(law) < size + CHANCE * math.sqrt(2.0 * size)
 
 
 def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
@@ -391,16 +449,16 @@ def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
     """
     alone = said.left and said.instead
     made = outcome.baseline if alone else outcome.best
-    pairs = zip(case.segments, case.judge.chi_squares(made), strict=True)
-    rows = [(chi, s.measured.size) for s, chi in pairs if not s.held_out]
-    left = math.fsum(chi for chi, _ in rows)
+    left = _fitted(case, made)
     whole = left + whitened_logarithm(case) + priced(made, outcome.baseline)
     if said.left:  # of the noise, which was judged with the law in it, the level is open
-        size = sum(n for _, n in rows)
-        after = max(left - said.strongest.gain, NONE_LEFT * size)
+        size = sum(s.measured.size for s in case.segments if not s.held_out)
+        law = said.strongest
+        taken = _plainly(law) if _leaves_noise(case, made, law) else law.gain
+        after = max(left - taken, NONE_LEFT * size)
         anew = size * (1.0 + math.log(after / size)) + PRICE
         whole += min(after, anew) if after < size else after
-        whole += PRICE * said.strongest.numbers - left
+        whole += PRICE * law.numbers - left
     else:  # a level of its own in each recording is what slow noise has, at a price
         whole += (PRICE - OWN) * (made.own - outcome.baseline.own)
     return whole

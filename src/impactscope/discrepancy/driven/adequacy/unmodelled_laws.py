@@ -29,6 +29,7 @@ from impactscope.discrepancy.driven.noise.spectral_whitening import Stepped
 from impactscope.discrepancy.evidence import borne_by_many
 
 __all__ = [
+    'BESIDE',
     'LOOKS',
     'Group',
     'Laws',

@@ -56,6 +56,7 @@ EDGE = 64  # samples at either end
 MORE = 0.25  # of reduced chi-square, that is more than noise
 FARTHER = 3.0  # times what a fit leaves above noise of a sample, that is left of those held out
 OF_ALL = 3  # candidates that are fitted because all recordings together show them
+OPEN = 6.0  # of a criterion: one in twenty, less than which rules nothing out
 FORM = 0.01  # of what a delay gains, that its form leaves open
 LATE = {
     1: 1.0,
@@ -124,6 +125,7 @@ def noise_limited_search(
     best = plain_friction(fits, fits.polish(_pruned(fits, best, judge)), judge)
     best = _one_delay(fits, fits.polish(best), judge)
     best = _form_of_delay(fits, best, judge)
+    best = _whole_clock(fits, best, judge)
     best = spring_of_position(fits, best, judge)
     if best is not baseline and not judge.better(baseline, best):
         best = baseline
@@ -263,6 +265,26 @@ def _form_of_delay(fits: Fits, best: Fit, judge: NoiseJudge) -> Fit:
     by_gain, by_delay = judge.gain(as_stated, best), judge.gain(in_time, best)
     slight = by_gain.fitted + by_gain.held_out < FORM * (by_delay.fitted + by_delay.held_out)
     return fits.polish(as_stated) if slight else best
+
+
+def _whole_clock(fits: Fits, best: Fit, judge: NoiseJudge) -> Fit:
+    """The best model with offset and rate of a clock, where either alone would do.
+
+    The interval of one alone would say that the other one is exactly right.
+    """
+    mine = next((t for t in best.terms if t.name == 'clock_error'), None)
+    if mine is None or len(mine.numbers) > 1:
+        return best
+    forms = [t for t in fits.model.terms if t.name == 'clock_error' and t is not mine]
+    others = frozenset(t.label for t in best.terms if t is not mine)
+    told = [fits.known[n] for t in forms if (n := others | {t.label}) in fits.known]
+    either = [f for f in told if f.added <= best.added]
+    level = judge.criterion(best, fits.baseline) + OPEN
+    if all(judge.criterion(f, fits.baseline) > level for f in either):
+        return best
+    both = next(t for t in forms if len(t.numbers) > 1)
+    whole = fits.polish(fits.make(best, (*(t for t in best.terms if t is not mine), both), {}))
+    return whole if judge.better(fits.baseline, whole) else best
 
 
 def _inside(one: Fit, other: Fit, segments: Sequence[Segment]) -> float:

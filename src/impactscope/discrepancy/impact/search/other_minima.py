@@ -15,9 +15,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from impactscope.discrepancy.answer import ParameterEstimate
+from impactscope.discrepancy.evidence import spread_over_minima
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.candidates.motion_scales import LARGEST_FREQUENCY
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fits_from
@@ -39,9 +39,6 @@ _LAST, _SETTLED = 25, 0.1  # the same of fits that are brought to their end
 _NEAR = 0.2  # change of a logarithm, up to which slopes serve for another start
 _OPEN = 8.0  # of chi-square, over the reduced one, up to which a mode is not excluded
 _ALIKE = 0.3  # standard deviations, between two fits that are one
-_INTERVAL = 1.96  # standard deviations
-_HELD = 0.95
-_HALVINGS = 30
 _LOWEST = 15.0  # Hz, from which a frequency is scanned
 _APART = 0.04  # of its logarithm, between two that are tried
 _PEAKS = 3  # that are followed
@@ -145,7 +142,6 @@ def widened(
         factors: by key, how many times less well a number is known than slopes say.
     """
     likely = [1.0, *(_likelihood(mode, best) for mode in modes)]
-    shares = [share / sum(likely) for share in likely]
     result = dict(parameters)
     for name, item in parameters.items():
         key = f'{tag}.{name}'
@@ -153,24 +149,12 @@ def widened(
             continue
         std = factors.get(key, 1.0) * item.std
         away = [0.0, *(abs(mode.values[key] - item.value) for mode in modes)]
-        result[name] = ParameterEstimate(item.value, _spread(std, away, shares), item.unit)
+        result[name] = ParameterEstimate(
+            item.value, spread_over_minima(std, away, likely), item.unit
+        )
     return result
 
 
 def _likelihood(mode: Fit, best: Fit) -> float:
     worse = (mode.chi_square - best.chi_square) / max(1.0, best.reduced)
     return math.exp(-0.5 * max(worse, 0.0))
-
-
-def _spread(std: float, away: Sequence[float], shares: Sequence[float]) -> float:
-    """Standard deviation whose 95 % interval holds that share of normal modes that far away."""
-    low, high = std, std + max(away)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        reach = _INTERVAL * middle
-        held = sum(
-            share * float(stats.norm.cdf(reach, d, std) - stats.norm.cdf(-reach, d, std))
-            for d, share in zip(away, shares, strict=True)
-        )
-        low, high = (low, middle) if held > _HELD else (middle, high)
-    return high

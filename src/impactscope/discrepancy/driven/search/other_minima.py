@@ -1,0 +1,105 @@
+"""Other minima of what was found in a driven campaign: more than one shape may do as well.
+
+What rings far above the motion shows its stiffness alone, a force that creeps the rate at which it
+begins: along such a valley a covariance at one place tells too much. So a fit sets out from either
+side of each number that shapes an effect; a better end replaces the fit, one about as good widens
+the uncertainty of what differs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit
+from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge
+from impactscope.discrepancy.driven.models.model import Model
+from impactscope.discrepancy.driven.models.terms import Number, Term, key
+from impactscope.discrepancy.evidence import spread_over_minima
+from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.time_limit import time_left
+
+__all__ = ['knowing_other_minima']
+
+APART = {'frequency': (1.7, 2.9)}  # factors on a number, the others moved along
+ELSE = (1.6,)  # the same of any other number
+ROUGHLY, LAST = 8, 25  # evaluations of a fit from each start, and of one that is near
+BEHIND = 100.0  # chi-square from which no end makes up for it
+BETTER = 0.1  # of chi-square
+OPEN = 8.0  # chi-square up to which a minimum is not excluded
+
+
+def knowing_other_minima(model: Model, judge: NoiseJudge, made: Fit, terms: Sequence[Term]) -> Fit:
+    """The best fit from either side of each number that shapes one of the terms.
+
+    Its uncertainties reach to the other minima that are about as good.
+    """
+    begins = [
+        values
+        for term in terms
+        for number in _shapes(term, made)
+        for values in _starts(made, term, number)
+    ]
+    if not begins or not time_left('other values of what was found'):
+        return made
+
+    def followed(begin: Mapping[str, float], evaluations: int) -> Fit:
+        return fit(model, made.terms, judge.segments, begin, made.starts, evaluations, FINE)
+
+    def chi_square(one: Fit) -> float:
+        pairs = zip(judge.segments, judge.chi_squares(one), strict=True)
+        return math.fsum(chi for s, chi in pairs if not s.held_out)
+
+    rough = in_parallel(lambda begin: followed(begin, ROUGHLY), begins)
+    most = chi_square(made) + BEHIND
+    ends = in_parallel(
+        lambda f: followed(f.values, LAST), [f for f in rough if chi_square(f) < most]
+    )
+    best = min((made, *ends), key=chi_square)
+    if chi_square(best) > chi_square(made) - BETTER:
+        best = made
+    level = chi_square(best)
+    near = [best, *(f for f in (made, *ends) if f is not best and chi_square(f) < level + OPEN)]
+    likely = [math.exp(-0.5 * max(chi_square(f) - level, 0.0)) for f in near]
+    std = dict(best.std)
+    for name in (key(t, n) for t in terms for n in t.numbers):
+        away = [abs(f.values[name] - best.values[name]) for f in near]
+        if std.get(name, 0.0) > 0.0 and max(away) > std[name]:
+            std[name] = spread_over_minima(std[name], away, likely)
+    return dataclasses.replace(best, std=std)
+
+
+def _shapes(term: Term, made: Fit) -> list[Number]:
+    """Numbers of an effect, beside its amounts, that are sizes."""
+    if term.output or len(term.numbers) < 2:
+        return []
+    return [
+        n
+        for n in term.numbers
+        if n.name not in term.amounts
+        and made.values[key(term, n)] > 0.0
+        and 0.0 < made.std.get(key(term, n), 0.0) < math.inf
+    ]
+
+
+def _starts(made: Fit, term: Term, number: Number) -> Iterator[dict[str, float]]:
+    """Values to either side of a number, the term's others moved along as its slopes want them."""
+    names, own = list(made.values), {key(term, n): n for n in term.numbers}
+    mine = key(term, number)
+    value = made.values[mine]
+    for factor, sign in itertools.product(APART.get(number.name, ELSE), (1.0, -1.0)):
+        change = sign * math.log(factor)
+        begin = {**made.values}
+        for name, other in own.items():
+            along = 1.0
+            if name != mine:
+                if made.covariance is None or not made.values[name] > 0.0:
+                    continue
+                i, j = names.index(name), names.index(mine)
+                slope = made.covariance[i, j] / made.covariance[j, j]
+                along = slope * value / made.values[name]  # of the logarithms
+            moved = made.values[name] * math.exp(along * change)
+            begin[name] = min(max(moved, other.lower), other.upper)
+        yield begin
