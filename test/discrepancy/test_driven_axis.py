@@ -110,6 +110,7 @@ def closed_loop(
     uneven=0.0,
     fading=0.0,
     begin=0,
+    end=None,
 ):
     rng = np.random.default_rng(seed)
     channels, entries = {}, []
@@ -138,7 +139,7 @@ def closed_loop(
             forces = forces + rng.normal(scale=shaky, size=forces.size)
         entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
         channels[file] = {
-            n: ChannelSamples(n, u, RATE, 0.0, samples[begin:])
+            n: ChannelSamples(n, u, RATE, 0.0, samples[begin:end])
             for n, u, samples in (
                 ('displacement.axis', 'm', positions),
                 ('displacement.reference', 'm', reference),

@@ -25,6 +25,7 @@ __all__ = ['knowing_other_minima']
 
 APART = {'frequency': (1.7, 2.9)}  # factors on a number, the others moved along
 ELSE = (1.6,)  # the same of any other number
+FARTHEST = math.log(30.0)  # of the logarithm of a number that is moved along
 ROUGHLY, LAST = 8, 25  # evaluations of a fit from each start, and of one that is near
 BEHIND = 100.0  # chi-square from which no end makes up for it
 BETTER = 0.1  # of chi-square
@@ -100,6 +101,7 @@ def _starts(made: Fit, term: Term, number: Number) -> Iterator[dict[str, float]]
                 i, j = names.index(name), names.index(mine)
                 slope = made.covariance[i, j] / made.covariance[j, j]
                 along = slope * value / made.values[name]  # of the logarithms
-            moved = made.values[name] * math.exp(along * change)
+            farther = min(max(along * change, -FARTHEST), FARTHEST)
+            moved = made.values[name] * math.exp(farther)
             begin[name] = min(max(moved, other.lower), other.upper)
         yield begin
