@@ -310,6 +310,40 @@ def test_a_base_that_the_drive_pushes_back():
     assert told['mass'].value == pytest.approx(under, rel=0.1)
 
 
+def on_a_base(frequency, mass):
+    stiffness = mass * (2.0 * np.pi * frequency) ** 2
+    return closed_loop(14, base=(mass, stiffness, 2.0 * 0.02 * np.sqrt(mass * stiffness)))
+
+
+@pytest.mark.parametrize(('frequency', 'mass'), [(30.0, 60.0), (60.0, 30.0)])
+def test_a_base_as_light_as_the_axis_is_no_play(frequency, mass):
+    """From a heavy base at any frequency a fit comes to the wrong one, which a play beats."""
+    answer = explain_driven(on_a_base(frequency, mass))
+    assert answer.accepted == ('base_compliance',)
+    told = answer.findings[0].parameters
+    assert told['frequency'].value == pytest.approx(frequency, rel=0.02)
+    assert told['mass'].value == pytest.approx(mass, rel=0.05)
+
+
+@pytest.mark.parametrize(('frequency', 'mass'), [(60.0, 300.0), (40.0, 1000.0)])
+def test_a_base_of_which_the_stiffness_shows_alone_may_ring_anywhere(frequency, mass):
+    answer = explain_driven(on_a_base(frequency, mass))
+    assert answer.accepted == ('base_compliance',)
+    told = answer.findings[0].parameters
+    assert abs(told['frequency'].value - frequency) < 2.0 * told['frequency'].std
+    assert told['frequency'].std > 0.2 * frequency
+    assert abs(told['mass'].value - mass) < 2.0 * told['mass'].std
+
+
+def test_a_filter_of_an_axis_cut_out_of_its_motion_holds_what_was_outside():
+    """It moves slowly there for its way, and by a thousand times the encoder's noise."""
+    answer = explain_driven(closed_loop(9, smooth=10.0, begin=230, end=1730))
+    assert answer.accepted == ('low_pass_filter',)
+    told = answer.findings[0].parameters
+    assert (told['order'].value, told['zero_phase'].value) == (1.0, 1.0)
+    assert told['cutoff'].value == pytest.approx(10.0, rel=0.01)
+
+
 def test_hum_of_the_recorded_force():
     """The axis has not felt it: its motion lacks the answer to it."""
     answer = explain_driven(closed_loop(7, hum=15.0))

@@ -10,7 +10,7 @@ from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.driven.findings.ranking import _among_forms, _no_surer, _other_delay
 from impactscope.discrepancy.driven.models.channel_effects import channel_terms
 from impactscope.discrepancy.driven.search.joint_fits import _looked_at
-from impactscope.discrepancy.driven.search.noise_limited_search import _form_of_delay
+from impactscope.discrepancy.driven.search.noise_limited_search import _form_of_delay, _whole_clock
 from impactscope.discrepancy.driven.search.screening import Prospect, _near
 
 
@@ -141,3 +141,32 @@ def test_a_gain_beside_a_far_stronger_delay_is_its_form(by_gain, stays):
 
 def _shared(gain):
     return SimpleNamespace(fitted=0.5 * gain, held_out=0.5 * gain)
+
+
+def clock(form, *numbers):
+    return SimpleNamespace(
+        name='clock_error',
+        label=f'clock_error/{form}',
+        numbers=tuple(SimpleNamespace(name=n) for n in numbers),
+    )
+
+
+@pytest.mark.parametrize(('behind', 'both'), [(3.0, True), (9.0, False)])
+def test_a_clock_that_may_be_late_or_slow_is_told_by_both(behind, both):
+    """Its offset alone would say that the rate is right, to the last digit."""
+    late, slow, whole = clock('late', 'offset'), clock('slow', 'drift'), clock('whole', 'o', 'd')
+    made = {
+        frozenset({t.label}): SimpleNamespace(terms=(t,), criterion=c, added=len(t.numbers))
+        for t, c in ((late, -40.0), (slow, -40.0 + behind), (whole, -33.0))
+    }
+    best = made[frozenset({late.label})]
+    fits = SimpleNamespace(
+        model=SimpleNamespace(terms=(late, slow, whole)),
+        known=made,
+        baseline=None,
+        make=lambda _, terms, __: made[frozenset(t.label for t in terms)],
+        polish=lambda fit: fit,
+    )
+    judge = SimpleNamespace(criterion=lambda f, _: f.criterion, better=lambda _, __: True)
+    told = _whole_clock(fits, best, judge)
+    assert told.terms == ((whole,) if both else (late,))

@@ -19,6 +19,7 @@ from impactscope.discrepancy.evidence import (
     price,
     probabilities,
     quantisation_step,
+    spread_over_minima,
     spread_p_value,
 )
 
@@ -114,3 +115,17 @@ def test_numbers_of_one_kind_that_chance_gives_never_pay():
     rng = np.random.default_rng(5)
     for gain in rng.chisquare(14, 500):
         assert price(float(gain), 0, 14, 40_000) > gain - 5.0
+
+
+@given(st.floats(0.01, 10.0), st.floats(0.0, 100.0), st.floats(1e-6, 1.0))
+def test_an_interval_over_two_minima_is_no_narrower_than_over_one(std, away, likely):
+    both = spread_over_minima(std, [0.0, away], [1.0, likely])
+    assert std * (1.0 - 1e-6) <= both <= std + away
+    assert spread_over_minima(std, [0.0], [1.0]) == pytest.approx(std, rel=1e-6)
+
+
+def test_an_interval_reaches_to_a_minimum_as_good():
+    assert spread_over_minima(1.0, [0.0, 100.0], [1.0, 1.0]) * 1.96 == pytest.approx(
+        101.3, abs=0.2
+    )
+    assert spread_over_minima(1.0, [0.0, 100.0], [1.0, 1e-3]) < 1.1

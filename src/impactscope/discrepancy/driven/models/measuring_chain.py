@@ -324,6 +324,7 @@ def passed_on(
     *,
     beyond: Array | None = None,
     measured: Array | None = None,
+    moving: tuple[bool, bool] | None = None,
 ) -> Array:
     """What a chain makes of samples, shape (n,), without its clock.
 
@@ -336,6 +337,8 @@ def passed_on(
         beyond: what no low-pass touches, added behind it.
         measured: what came out, from which the phase of a hum and what a filter and a coupling
             hold from before the recording are taken; zeros where it is not there.
+        moving: whether the recording begins and ends in motion, where that is known; else where
+            its samples are not quiet there.
     """
     rate = 1.0 / period
     y = samples
@@ -353,7 +356,7 @@ def passed_on(
     if 'zero_drift' in parts:
         y = y + values[f'{parts["zero_drift"].label}.rate'] * time
     if any(t.own for t in parts.values()):
-        at = in_motion(samples)
+        at = moving or in_motion(samples)
         y = y + _of_its_own(y, parts, values, np.asarray(begin + time), rate, measured, at)
     if 'saturation' in parts:
         limit = values[f'{parts["saturation"].label}.limit']

@@ -133,7 +133,14 @@ class OscillatorModel:
             offset, drift = values.get(f'{clock}.offset', 0.0), values.get(f'{clock}.drift', 0.0)
             moved = retimed(moved, offset, drift, segment.period)
         return passed_on(
-            moved, parts, values, segment.period, segment.begin, measured=segment.measured
+            moved,
+            parts,
+            values,
+            segment.period,
+            segment.begin,
+            measured=segment.measured,
+            # of an axis a slow motion may be small beside its way and large beside its noise
+            moving=(True, True) if self.drifts else None,
         )
 
     def motion(

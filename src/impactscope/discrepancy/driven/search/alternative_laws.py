@@ -15,6 +15,7 @@ from impactscope.discrepancy.driven.models.terms import key
 from impactscope.discrepancy.driven.search.joint_fits import Fits
 
 __all__ = [
+    'base_in_place_of_play',
     'friction_of_baseline',
     'other_asymmetry',
     'other_friction',
@@ -29,6 +30,36 @@ RELATIVES = ('stribeck_friction', 'asymmetric_friction')
 SLOW = ('offset', 'zero_drift', 'ac_coupling')
 UNEVEN = (1.3, 0.7)  # shares of a plain friction, from which one by direction sets out
 AS_GOOD = 4.0  # of the criterion, within which two laws are one
+
+
+def base_in_place_of_play(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """A fixture that gives way against a play whose two masses never part.
+
+    Relative to a base an axis swings as the driven one of two masses on one spring does; the
+    latter has a gap, too, and is found from farther away.
+    """
+    play = next((t for t in best.terms if t.label == 'clearance/drive'), None)
+    base = next((t for t in fits.model.terms if t.name == 'base_compliance'), None)
+    if play is None or base is None:
+        return best
+    told = {n.name: best.values[key(play, n)] for n in play.numbers}
+    share = told['load_share']
+    values = {
+        'frequency': told['contact_frequency'],
+        'mass': best.values['mass'] * (1.0 - share) / share,
+        'damping_ratio': told['contact_damping_ratio'],
+    }
+    rest = tuple(t for t in best.terms if t is not play)
+    if not all(base.stands_with(t) for t in rest):
+        return best
+    initial = {
+        key(base, n): min(max(values[n.name], n.lower), n.upper)
+        for n in base.numbers
+        if n.name in values
+    }
+    made = fits.once_more(best, (*rest, base), initial)
+    ahead = judge.criterion(made, fits.baseline) < judge.criterion(best, fits.baseline)
+    return made if ahead else best
 
 
 def plain_friction(fits: Fits, best: Fit, judge: Judge) -> Fit:

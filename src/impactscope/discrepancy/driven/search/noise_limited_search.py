@@ -22,6 +22,7 @@ from impactscope.discrepancy.driven.models.measuring_chain import before_samplin
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import key
 from impactscope.discrepancy.driven.search.alternative_laws import (
+    base_in_place_of_play,
     friction_of_baseline,
     other_asymmetry,
     other_friction,
@@ -33,6 +34,7 @@ from impactscope.discrepancy.driven.search.alternative_laws import (
 )
 from impactscope.discrepancy.driven.search.beam_search import Outcome, prune
 from impactscope.discrepancy.driven.search.joint_fits import Fits, labels_of
+from impactscope.discrepancy.driven.search.other_minima import starts_to_either_side
 from impactscope.discrepancy.driven.search.screening import (
     HOPE,
     Prospect,
@@ -57,6 +59,7 @@ MORE = 0.25  # of reduced chi-square, that is more than noise
 FARTHER = 3.0  # times what a fit leaves above noise of a sample, that is left of those held out
 OF_ALL = 3  # candidates that are fitted because all recordings together show them
 OPEN = 6.0  # of a criterion: one in twenty, less than which rules nothing out
+MUCH = 0.5  # of what the best candidate explains
 FORM = 0.01  # of what a delay gains, that its form leaves open
 LATE = {
     1: 1.0,
@@ -111,6 +114,7 @@ def noise_limited_search(
         beam = close[:2]
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
     best = _pruned(fits, best, judge)
+    best = base_in_place_of_play(fits, best, judge)
     best = _pruned(fits, uneven_friction(fits, best, judge), judge)
     best = _pruned(fits, plain_friction(fits, best, judge), judge)
     best = _pruned(fits, other_friction(fits, best, judge), judge)
@@ -175,7 +179,25 @@ def _grow(fits: Fits, base: Fit, judge: NoiseJudge, most: int) -> list[Fit]:
             if form not in forms:
                 made += _other_orders(fits, base, p)
             forms.add(form)
-    return made
+    return _rung(fits, made, base, judge)
+
+
+def _rung(fits: Fits, made: Sequence[Fit], base: Fit, judge: NoiseJudge) -> list[Fit]:
+    """Fits of which those with something that rings set out once more, where they explain much.
+
+    They have minima at other frequencies: from either side of the one at which each ended.
+    """
+    much = MUCH * min((judge.criterion(f, base) for f in made), default=0.0)
+
+    def better(one: Fit) -> Fit:
+        term = one.terms[-1]
+        rings = not term.output and 'frequency' in {n.name for n in term.numbers}
+        if rings and judge.criterion(one, base) < min(much, -CLOSE):
+            for begin in starts_to_either_side(one, [term]):
+                one = fits.once_more(one, one.terms, begin)
+        return one
+
+    return [better(f) for f in made]
 
 
 def _other_orders(fits: Fits, base: Fit, first: Prospect) -> list[Fit]:

@@ -21,7 +21,7 @@ from impactscope.discrepancy.evidence import spread_over_minima
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left
 
-__all__ = ['knowing_other_minima']
+__all__ = ['knowing_other_minima', 'starts_to_either_side']
 
 APART = {'frequency': (1.7, 2.9)}  # factors on a number, the others moved along
 ELSE = (1.6,)  # the same of any other number
@@ -30,6 +30,9 @@ ROUGHLY, LAST = 8, 25  # evaluations of a fit from each start, and of one that i
 BEHIND = 100.0  # chi-square from which no end makes up for it
 BETTER = 0.1  # of chi-square
 OPEN = 8.0  # chi-square up to which a minimum is not excluded
+# chi-square by which the best of many narrow minima is ahead by chance, and times its uncertainty
+# that another must be away for it to be one of many
+LUCK, NARROW = 7.0, 10.0
 
 
 def knowing_other_minima(model: Model, judge: NoiseJudge, made: Fit, terms: Sequence[Term]) -> Fit:
@@ -37,12 +40,7 @@ def knowing_other_minima(model: Model, judge: NoiseJudge, made: Fit, terms: Sequ
 
     Its uncertainties reach to the other minima that are about as good.
     """
-    begins = [
-        values
-        for term in terms
-        for number in _shapes(term, made)
-        for values in _starts(made, term, number)
-    ]
+    begins = starts_to_either_side(made, terms)
     if not begins or not time_left('other values of what was found'):
         return made
 
@@ -62,14 +60,27 @@ def knowing_other_minima(model: Model, judge: NoiseJudge, made: Fit, terms: Sequ
     if chi_square(best) > chi_square(made) - BETTER:
         best = made
     level = chi_square(best)
-    near = [best, *(f for f in (made, *ends) if f is not best and chi_square(f) < level + OPEN)]
-    likely = [math.exp(-0.5 * max(chi_square(f) - level, 0.0)) for f in near]
+    others = [f for f in (made, *ends) if f is not best and chi_square(f) < level + OPEN + LUCK]
+    near = [best, *others]
     std = dict(best.std)
     for name in (key(t, n) for t in terms for n in t.numbers):
         away = [abs(f.values[name] - best.values[name]) for f in near]
-        if std.get(name, 0.0) > 0.0 and max(away) > std[name]:
-            std[name] = spread_over_minima(std[name], away, likely)
+        if not std.get(name, 0.0) > 0.0 or max(away) <= std[name]:
+            continue
+        lucky = [LUCK if d > NARROW * std[name] else 0.0 for d in away]
+        behind = [max(chi_square(f) - level - x, 0.0) for f, x in zip(near, lucky, strict=True)]
+        std[name] = spread_over_minima(std[name], away, [math.exp(-0.5 * b) for b in behind])
     return dataclasses.replace(best, std=std)
+
+
+def starts_to_either_side(made: Fit, terms: Sequence[Term]) -> list[dict[str, float]]:
+    """Values from which a fit may set out to either side of each number that shapes a term."""
+    return [
+        values
+        for term in terms
+        for number in _shapes(term, made)
+        for values in _starts(made, term, number)
+    ]
 
 
 def _shapes(term: Term, made: Fit) -> list[Number]:

@@ -394,7 +394,9 @@ def _terms(
             segments[mine[0]].noise,
             max(float(np.max(np.abs(segments[i].measured))) for i in mine),
             len(mine),
-            ends=count_in_motion([segments[i].measured for i in mine]),
+            ends=(len(mine), len(mine))
+            if linear.drifts
+            else count_in_motion([segments[i].measured for i in mine]),
             kind='free' if linear.free else 'driven' if stiffness > 0.0 else 'axis',
             drive=first.drive_channel,
             tag=channel if len(channels) > 1 else '',
