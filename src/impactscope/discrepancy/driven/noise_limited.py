@@ -90,6 +90,7 @@ PROSPECTS, STEPS = 4, 2  # effects that are fitted, each beside the best one bef
 MOST_LOOKED_AT = 45_000  # samples of a plate far from its noise that are looked at so
 LEVEL = 0.02  # relative change of the noise's level that matters
 CHANCE = 3.0  # standard deviations of chi-square, up to which what is left is noise
+TOGETHER = 20.0  # chi-square by which an effect and a law are better than a law alone
 WITH_A_LAW = 3  # effects, of those with the best criterion, beside which a law is looked for
 NONE_LEFT = 0.1  # of the noise, that a law leaves at least
 
@@ -400,17 +401,29 @@ def _beside_an_effect(case: Case, outcome: Outcome, said: Verdict) -> tuple[Outc
     What the law leaves beside the effect alone makes the effect look like the error of another.
     """
     judge, baseline = case.judge, outcome.baseline
-    if outcome.best is not baseline or not said.left:
+    alone = outcome.best is baseline or said.instead
+    if not (said.left and alone):
         return outcome, said
-    if _leaves_noise(case, baseline, said.strongest):
-        return outcome, said
-    several = sorted(outcome.rivals, key=lambda f: judge.criterion(f, baseline))
-    for made in [f for f in several if len(f.terms) == 1 + len(baseline.terms)][:WITH_A_LAW]:
-        if not judge.gain(baseline, made).held_out_worse:
-            law = unmodelled_laws(case.laws, case.model, *_settled(case, made))[0]
-            if _leaves_noise(case, made, law) and law.p_value < BESIDE:
-                found = Outcome(baseline, made, outcome.rivals, True)
-                return found, Verdict(True, False, law, 1.0 - law.p_value)
+
+    def whole(made: Fit, law: UnmodelledLaw) -> float:
+        left = _fitted(case, made) - _plainly(law)
+        return left + priced(made, baseline) + PRICE * law.numbers
+
+    least = whole(baseline, said.strongest) - TOGETHER
+    several = sorted(
+        (f for f in (outcome.best, *outcome.rivals) if len(f.terms) == 1 + len(baseline.terms)),
+        key=lambda f: judge.criterion(f, baseline),
+    )
+    for made in several[:WITH_A_LAW]:
+        if judge.gain(baseline, made).held_out_worse:
+            continue
+        law = unmodelled_laws(case.laws, case.model, *_settled(case, made))[0]
+        believed = law.p_value < BESIDE and _leaves_noise(case, made, law)
+        if believed and whole(made, law) < least:
+            least = whole(made, law)
+            others = tuple(f for f in (outcome.best, *outcome.rivals) if f is not made)
+            outcome = Outcome(baseline, made, others, True)
+            said = Verdict(True, False, law, 1.0 - law.p_value)
     return outcome, said
 
 
