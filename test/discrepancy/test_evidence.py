@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,6 +14,7 @@ from impactscope.discrepancy.evidence import (
     borne_by_many,
     family_p_value,
     first_discoveries,
+    flat_top,
     information,
     is_white,
     least_gain,
@@ -129,3 +132,22 @@ def test_an_interval_reaches_to_a_minimum_as_good():
         101.3, abs=0.2
     )
     assert spread_over_minima(1.0, [0.0, 100.0], [1.0, 1e-3]) < 1.1
+
+
+@pytest.mark.parametrize('limit', [13.757, 13.4, 20.0])
+def test_a_limit_that_is_read_in_steps_is_the_largest_reading(limit):
+    """A fit of the mean would be off by a third of the noise, which is cut off with the signal."""
+    rng, noise, step = np.random.default_rng(4), 1.4, 0.62
+    clean = 18.0 * np.sin(np.linspace(0.0, 20.0, 4000))
+    cut = np.clip(clean + noise * rng.standard_normal(clean.size), -limit, limit)
+    told = flat_top([step * np.round(cut / step)], step, limit - 0.4 * noise, noise)
+    assert told is not None
+    assert abs(told[0] - limit) <= 0.5 * step + 1e-9
+    assert told[1] == pytest.approx(step / math.sqrt(12.0))
+
+
+def test_no_flat_top_is_told_without_steps_or_far_from_what_was_fitted():
+    readings = [np.array([0.0, 1.0, 2.0, 2.0, 2.0])]
+    assert flat_top(readings, 0.0, 2.0, 0.1) is None
+    assert flat_top(readings, 1.0, 5.0, 0.1) is None
+    assert flat_top([readings[0][:-1]], 1.0, 2.0, 0.1) is None

@@ -24,6 +24,7 @@ __all__ = [
     'borne_by_many',
     'family_p_value',
     'first_discoveries',
+    'flat_top',
     'information',
     'is_white',
     'least_gain',
@@ -39,6 +40,7 @@ Array = NDArray[np.float64]
 
 _INTERVAL, _HELD = 1.96, 0.95  # standard deviations to either side, and what lies between
 _HALVINGS = 30
+_FLAT, _NEAR = 3, 3.0  # readings at the top that tell a limit, and times the noise to it
 BESIDE_UNKNOWN = 0.7  # of a finding's probability, at most, where something is not known
 
 
@@ -194,6 +196,29 @@ def noise_std(samples: Array) -> float:
     if step > 0.8 * scale:
         return max(rough, step / math.sqrt(12.0))
     return scale
+
+
+def flat_top(
+    readings: Sequence[Array], step: float, limit: float, noise: float
+) -> tuple[float, float] | None:
+    """Limit of a channel that reads in steps, and its standard uncertainty.
+
+    Equal readings do not show such a limit, for most are equal to others. Noise before it is cut
+    off with the signal, so that a fit of the readings by their mean comes out too low; the largest
+    ones are the limit to half a step. None where no few readings reach it, or it is not near what
+    was fitted.
+
+    Args:
+        readings: of each recording, shape (n,).
+        step: of the converter, 0 where there is none.
+        limit: as fitted.
+        noise: standard deviation of a reading.
+    """
+    top = max(float(np.max(np.abs(r))) for r in readings)
+    flat = sum(int(np.count_nonzero(np.abs(r) > top - 0.5 * step)) for r in readings)
+    if not step > 0.0 or flat < _FLAT or abs(top - limit) > _NEAR * noise + step:
+        return None
+    return top, step / math.sqrt(12.0)
 
 
 def quantisation_step(samples: Array) -> float:

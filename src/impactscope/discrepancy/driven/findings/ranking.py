@@ -24,10 +24,11 @@ from impactscope.discrepancy.driven.models.oscillator_model import OscillatorMod
 from impactscope.discrepancy.driven.models.relaxation import NAME as RELAXING
 from impactscope.discrepancy.driven.models.relaxation import TIME
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
+from impactscope.discrepancy.driven.noise.quantisation import step_of
 from impactscope.discrepancy.driven.systems.linear_baseline import gain_tolerance
 from impactscope.discrepancy.driven.systems.prescribed_motion import PrescribedModel
 from impactscope.discrepancy.driven.systems.prescribed_noise_limited import NoiseLimitedMotionModel
-from impactscope.discrepancy.evidence import probabilities
+from impactscope.discrepancy.evidence import flat_top, probabilities
 
 __all__ = [
     'STATED',
@@ -367,6 +368,12 @@ def _numbers(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimate]:
         order, both = filter_of(term)
         found['order'] = ParameterEstimate(float(order), 0.0, '1')
         found['zero_phase'] = ParameterEstimate(float(both), 0.0, 'bool')
+    if term.name == 'saturation':
+        mine = [x for x in s.segments if x.channel in (term.channel, '')] or list(s.segments)
+        limit, step = found['limit'], max(step_of(x.measured) for x in mine)
+        noise = max(x.noise for x in mine)
+        told = flat_top([x.measured for x in mine], step, float(limit.value), noise)
+        found['limit'] = limit if told is None else ParameterEstimate(*told, limit.unit)
     if term.name == 'hysteresis' and 'closing' in found:
         parts = [found[n] for n in ('closing', 'leaning') if n in found]
         rate = sum(float(e.value) for e in parts)

@@ -250,8 +250,7 @@ def chain_case(
         below = above = float(np.mean(left[top:]))
     known = made if found is None else found
     expected = [band_levels([segments[i].measured - known.residuals[i]]) for i in fitted]
-    rest = quietest([known.residuals[i] for i in fitted], 2 * QUARTER)
-    own = _own(expected, out, rest)
+    own = _own(expected, out, [band_levels([known.residuals[i]]) for i in fitted])
     passes = own < LITTLE and _passes(inputs, outputs, into, floor, tops)
     if passes or (found is not None and _white(model, found, segments, top)):
         corner = math.inf
@@ -352,18 +351,22 @@ def _settled(model: ChainModel, segments: Sequence[Segment], own: float) -> Sett
     return settled
 
 
-def _own(expected: Sequence[Array], out: Sequence[Array], level: float) -> float:
-    """Share of the residual's power that is the input's noise.
+def _own(expected: Sequence[Array], out: Sequence[Array], left: Sequence[Array]) -> float:
+    """Share of the residual's power that is the input's noise, from levels by band, (BANDS,).
 
     The signal is in the prediction and in the output alike: the difference of their spectra is
-    that of their noises, and the residual's level is the sum of these.
+    that of their noises, and the residual's level, in the same bands, is the sum of these.
     """
-    weights, differences = [], []
-    for u, y in zip(expected, out, strict=True):
+    weights, differences, sums = [], [], []
+    for u, y, e in zip(expected, out, left, strict=True):
         quiet = np.argsort(u)[:QUARTER]
+        level = float(np.mean(e[quiet]))
         weights.append(1.0 / (u[quiet] + y[quiet] + level) ** 2)  # a loud band scatters more
         differences.append(u[quiet] - y[quiet])
-    mean = np.average(np.concatenate(differences), weights=np.concatenate(weights))
+        sums.append(e[quiet])
+    weight = np.concatenate(weights)
+    mean = np.average(np.concatenate(differences), weights=weight)
+    level = np.average(np.concatenate(sums), weights=weight)
     return float(np.clip(0.5 * (1.0 + mean / level), 0.0, 1.0))
 
 

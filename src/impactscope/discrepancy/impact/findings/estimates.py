@@ -9,6 +9,7 @@ import numpy as np
 
 from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.campaign import Campaign
+from impactscope.discrepancy.evidence import flat_top
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.fits.least_squares import Fit
 from impactscope.discrepancy.impact.models.bench_model import Free
@@ -68,6 +69,8 @@ def estimates(candidate: Candidate, fitted: Fit) -> dict[str, ParameterEstimate]
         if _at_bound(fitted, key) or (std == 0.0 and _is_free(fitted, key)):
             std = math.nan  # known from one side only, or without any influence
         result[parameter.name] = ParameterEstimate(values[key], std, unit)
+    if candidate.name == 'saturation' and candidate.channel:
+        result['limit'] = _as_read(result['limit'], candidate.channel, fitted)
     if candidate.name == 'stribeck_friction':
         static, kinetic = result['static_force'], result['kinetic_force']
         if float(static.value) < float(kinetic.value):  # simulated as no peak at rest
@@ -185,6 +188,13 @@ def _place(key: str, recordings: Mapping[int, int]) -> str:
         return name
     stated = {'angle': 'release_angle_deg', 'impactor_mass': 'effective_mass'}.get(name, name)
     return f'recordings.{recordings[int(blow)]}.{stated}'
+
+
+def _as_read(limit: ParameterEstimate, channel: str, fitted: Fit) -> ParameterEstimate:
+    seen = [b.channels[channel] for b in fitted.model.data.blows if channel in b.channels]
+    step, noise = max(c.step for c in seen), max(c.noise for c in seen)
+    told = flat_top([c.samples for c in seen], step, float(limit.value), noise)
+    return limit if told is None else ParameterEstimate(*told, limit.unit)
 
 
 def _channel_unit(unit: str, channel: str, fitted: Fit) -> str:
