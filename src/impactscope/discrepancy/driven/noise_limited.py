@@ -449,9 +449,13 @@ def _plainly(law: UnmodelledLaw) -> float:
 
 
 def _leaves_noise(case: Case, made: Fit, law: UnmodelledLaw) -> bool:
-    """Whether a law beside a fit leaves what noise does, to within its chance."""
+    """Whether a law beside a fit leaves what noise does, to within its chance.
+
+    Of a fit that is far from the noise a law, which is a small change, says nothing so exact.
+    """
     size = sum(s.measured.size for s in case.segments if not s.held_out)
-    return _fitted(case, made) - _plainly(law) < size + CHANCE * math.sqrt(2.0 * size)
+    left = _fitted(case, made)
+    return left < NOISE * size and left - _plainly(law) < size + CHANCE * math.sqrt(2.0 * size)
 
 
 def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
