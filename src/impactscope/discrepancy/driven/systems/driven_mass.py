@@ -27,7 +27,6 @@ from impactscope.discrepancy.driven.models.candidate_effects import FRICTION, ca
 from impactscope.discrepancy.driven.models.driven_mass_model import DrivenMassModel, name_of
 from impactscope.discrepancy.driven.models.measuring_chain import (
     before_sampling,
-    count_in_motion,
     filter_of,
     power_passed,
     power_retimed,
@@ -394,9 +393,7 @@ def _terms(
             segments[mine[0]].noise,
             max(float(np.max(np.abs(segments[i].measured))) for i in mine),
             len(mine),
-            ends=(len(mine), len(mine))
-            if linear.drifts
-            else count_in_motion([segments[i].measured for i in mine]),
+            ends=(len(mine), len(mine)) if linear.drifts else (0, 0),
             kind='free' if linear.free else 'driven' if stiffness > 0.0 else 'axis',
             drive=first.drive_channel,
             tag=channel if len(channels) > 1 else '',
