@@ -14,15 +14,17 @@ import numpy as np
 
 from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import Campaign
-from impactscope.discrepancy.driven.adequacy.unmodelled_laws import (
-    BESIDE,
-    UnmodelledLaw,
-    Verdict,
-    unmodelled_laws,
-    verdict,
-)
+from impactscope.discrepancy.driven.adequacy.unmodelled_laws import Verdict, verdict
 from impactscope.discrepancy.driven.data.recordings import Cut, cuts
 from impactscope.discrepancy.driven.findings.describe import describe
+from impactscope.discrepancy.driven.findings.effect_and_law import (
+    NOISE,
+    effect_and_law,
+    fitted_chi_square,
+    fitted_samples,
+    leaves_noise,
+    plain_gain,
+)
 from impactscope.discrepancy.driven.findings.residual_size import (
     LARGER,
     SURE,
@@ -73,7 +75,6 @@ AT_ALL_NOISE = 300.0  # the same under other forces, where a hum or a filter may
 # thought to spare were counted in
 OVERSTATED = 0.5
 LEVELS = ('offset', 'zero_drift')  # effects that only shift a channel
-NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
 HOPELESS = 8.0  # reduced chi-square that no better knowledge of the noise brings down to it
 REPEATS = 2  # searches with noise that is known better
 SLOW_NOISE = (
@@ -89,9 +90,6 @@ MOSTLY_SLOW = 2.0  # times its changes from sample to sample: what is left is mo
 PROSPECTS, STEPS = 4, 2  # effects that are fitted, each beside the best one before
 MOST_LOOKED_AT = 45_000  # samples of a plate far from its noise that are looked at so
 LEVEL = 0.02  # relative change of the noise's level that matters
-CHANCE = 3.0  # standard deviations of chi-square, up to which what is left is noise
-TOGETHER = 20.0  # chi-square by which an effect and a law are better than a law alone
-WITH_A_LAW = 3  # effects, of those with the best criterion, beside which a law is looked for
 NONE_LEFT = 0.1  # of the noise, that a law leaves at least
 
 
@@ -392,39 +390,7 @@ def _searched(
     said = verdict(
         case.laws, case.model, baseline, outcome.best, gain, case.segments, case.settled
     )
-    return case, *_beside_an_effect(case, outcome, said)
-
-
-def _beside_an_effect(case: Case, outcome: Outcome, said: Verdict) -> tuple[Outcome, Verdict]:
-    """An effect and a law beyond the library that explain to the noise what neither does alone.
-
-    What the law leaves beside the effect alone makes the effect look like the error of another.
-    """
-    judge, baseline = case.judge, outcome.baseline
-    alone = outcome.best is baseline or said.instead
-    if not (said.left and alone):
-        return outcome, said
-
-    def whole(made: Fit, law: UnmodelledLaw) -> float:
-        left = _fitted(case, made) - _plainly(law)
-        return left + priced(made, baseline) + PRICE * law.numbers
-
-    least = whole(baseline, said.strongest) - TOGETHER
-    several = sorted(
-        (f for f in (outcome.best, *outcome.rivals) if len(f.terms) == 1 + len(baseline.terms)),
-        key=lambda f: judge.criterion(f, baseline),
-    )
-    for made in several[:WITH_A_LAW]:
-        if judge.gain(baseline, made).held_out_worse:
-            continue
-        law = unmodelled_laws(case.laws, case.model, *_settled(case, made))[0]
-        believed = law.p_value < BESIDE and _leaves_noise(case, made, law)
-        if believed and whole(made, law) < least:
-            least = whole(made, law)
-            others = tuple(f for f in (outcome.best, *outcome.rivals) if f is not made)
-            outcome = Outcome(baseline, made, others, True)
-            said = Verdict(True, False, law, 1.0 - law.p_value)
-    return outcome, said
+    return case, *effect_and_law(case, outcome, said)
 
 
 def _with_other_minima(case: Case, outcome: Outcome) -> Outcome:
@@ -432,30 +398,6 @@ def _with_other_minima(case: Case, outcome: Outcome) -> Outcome:
     new = [t for t in outcome.best.terms if t.label not in given]
     best = knowing_other_minima(case.model, case.judge, outcome.best, new) if new else outcome.best
     return dataclasses.replace(outcome, best=best)
-
-
-def _settled(case: Case, made: Fit) -> tuple[Fit, Sequence[Segment]]:
-    return (made, case.segments) if case.settled is None else case.settled(made)
-
-
-def _fitted(case: Case, made: Fit) -> float:
-    """Chi-square of the fitted recordings."""
-    pairs = zip(case.segments, case.judge.chi_squares(made), strict=True)
-    return math.fsum(chi for s, chi in pairs if not s.held_out)
-
-
-def _plainly(law: UnmodelledLaw) -> float:
-    return law.gain if law.plain is None else law.plain
-
-
-def _leaves_noise(case: Case, made: Fit, law: UnmodelledLaw) -> bool:
-    """Whether a law beside a fit leaves what noise does, to within its chance.
-
-    Of a fit that is far from the noise a law, which is a small change, says nothing so exact.
-    """
-    size = sum(s.measured.size for s in case.segments if not s.held_out)
-    left = _fitted(case, made)
-    return left < NOISE * size and left - _plainly(law) < size + CHANCE * math.sqrt(2.0 * size)
 
 
 def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
@@ -466,12 +408,12 @@ def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
     """
     alone = said.left and said.instead
     made = outcome.baseline if alone else outcome.best
-    left = _fitted(case, made)
+    left = fitted_chi_square(case, made)
     whole = left + whitened_logarithm(case) + priced(made, outcome.baseline)
     if said.left:  # of the noise, which was judged with the law in it, the level is open
-        size = sum(s.measured.size for s in case.segments if not s.held_out)
+        size = fitted_samples(case)
         law = said.strongest
-        taken = _plainly(law) if _leaves_noise(case, made, law) else law.gain
+        taken = plain_gain(law) if leaves_noise(case, made, law) else law.gain
         after = max(left - taken, NONE_LEFT * size)
         anew = size * (1.0 + math.log(after / size)) + PRICE
         whole += min(after, anew) if after < size else after
