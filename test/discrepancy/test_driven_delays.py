@@ -147,6 +147,7 @@ def clock(form, *numbers):
     return SimpleNamespace(
         name='clock_error',
         label=f'clock_error/{form}',
+        channel='force',
         numbers=tuple(SimpleNamespace(name=n) for n in numbers),
     )
 

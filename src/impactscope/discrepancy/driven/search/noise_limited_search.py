@@ -297,14 +297,20 @@ def _whole_clock(fits: Fits, best: Fit, judge: NoiseJudge) -> Fit:
     mine = next((t for t in best.terms if t.name == 'clock_error'), None)
     if mine is None or len(mine.numbers) > 1:
         return best
-    forms = [t for t in fits.model.terms if t.name == 'clock_error' and t is not mine]
+    forms = [
+        t
+        for t in fits.model.terms
+        if t.name == 'clock_error' and t.channel == mine.channel and t is not mine
+    ]
     others = frozenset(t.label for t in best.terms if t is not mine)
     told = [fits.known[n] for t in forms if (n := others | {t.label}) in fits.known]
     either = [f for f in told if f.added <= best.added]
     level = judge.criterion(best, fits.baseline) + OPEN
     if all(judge.criterion(f, fits.baseline) > level for f in either):
         return best
-    both = next(t for t in forms if len(t.numbers) > 1)
+    both = next((t for t in forms if len(t.numbers) > 1), None)
+    if both is None:
+        return best
     whole = fits.polish(fits.make(best, (*(t for t in best.terms if t is not mine), both), {}))
     return whole if judge.better(fits.baseline, whole) else best
 
