@@ -9,6 +9,7 @@ import pytest
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.models.bench_model import Free
 from impactscope.discrepancy.impact.search import pruning
+from impactscope.discrepancy.impact.search.outcome import Found, Outcome
 
 LOAD = 'gravity_load.added_weight'
 
@@ -77,3 +78,24 @@ def test_rivals_are_close_to_a_finding_as_it_was_weighed_beside_them(
     pruning._swap(outcome, PUSH, [], beside)
     assert outcome.rivals[PUSH.label] == [tried]
     assert outcome.accepted == [PUSH]
+
+
+@pytest.mark.parametrize(
+    ('orientation', 'behind', 'named'),
+    [(1.0, 0.2, 'external_push'), (0.0, 0.2, 'gravity_load'), (1.0, 9.0, 'gravity_load')],
+)
+def test_a_load_along_a_horizontal_bench_is_a_push(
+    orientation: float, behind: float, named: str
+) -> None:
+    """No weight acts there; standing, or where the push explains less, it stays what it is."""
+    weight = Candidate(label='gravity_load', name='gravity_load', subsystem='impactor')
+    model = SimpleNamespace(constants={'orientation': orientation})
+    final, other = (SimpleNamespace(model=model, layout='whole') for _ in range(2))
+    outcome = Outcome(final, final, [weight])
+    outcome.found[weight.label] = Found(weight, final, 50.0, 1e-9, -40.0)
+    outcome.rivals[weight.label] = [Found(PUSH, other, 50.0 - behind, 1e-9, -20.0)]
+    pruning.no_weight_along(outcome)
+    assert [c.name for c in outcome.accepted] == [named]
+    assert outcome.found[named].criterion == -40.0
+    assert outcome.rivals[named][0].criterion == -20.0
+    assert outcome.final is (other if named == 'external_push' else final)

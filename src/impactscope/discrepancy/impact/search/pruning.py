@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 
@@ -27,10 +28,11 @@ from impactscope.discrepancy.impact.search.strong_effects import (
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['drop_idle', 'prune']
+__all__ = ['drop_idle', 'no_weight_along', 'prune']
 
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
 _RIVALS = 3  # that are
+_AS_MUCH = 3.0  # of chi-square, by which an explanation that is as good may be behind
 _TIED = 8.0  # of the criterion, within which one explanation does as well as another
 _STARTS = 2  # of a relative
 _AS_STATED = 1.0  # standard deviations within which a number is the stated one
@@ -156,6 +158,27 @@ def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate], beside:
         outcome.final = best.fit
         outcome.found[best.candidate.label] = best
         outcome.rivals[best.candidate.label] = [mine, *refitted[1:]]
+
+
+def no_weight_along(outcome: Outcome) -> None:
+    """A push in the place of a weight, where it explains as much, along a horizontal bench.
+
+    No weight acts there: it is as unlikely as the push, which has more numbers, was beside it.
+    """
+    weight = next((c for c in outcome.accepted if c.name == 'gravity_load'), None)
+    if weight is None or outcome.final.model.constants.get('orientation', 0.0) < 0.5:
+        return
+    mine, others = outcome.found[weight.label], outcome.rivals.get(weight.label, [])
+    pushes = [f for f in others if f.candidate.name == 'external_push']
+    push = next((f for f in pushes if f.gain > mine.gain - _AS_MUCH), None)
+    if push is None or push.fit.layout is not outcome.final.layout:
+        return
+    outcome.final = push.fit
+    outcome.put_in_place(
+        [weight],
+        dataclasses.replace(push, criterion=mine.criterion),
+        [dataclasses.replace(mine, criterion=push.criterion), *others],
+    )
 
 
 def _instead(
