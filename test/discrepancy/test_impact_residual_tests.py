@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -10,7 +11,12 @@ from scipy import signal
 
 from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact.adequacy.residual_tests import _bands, _tested_fit, adequacy
+from impactscope.discrepancy.impact.adequacy.residual_tests import (
+    _bands,
+    _tested_fit,
+    adequacy,
+    rounding_error,
+)
 from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.fits.least_squares import Fit
@@ -82,7 +88,7 @@ def test_a_coloured_noise_is_known_no_better_than_the_quiet_tells_it(make_campai
     fit = fitted(campaign)
     residual = fit.residuals[: fit.layout.size]
     bands = _bands(fit, residual)
-    _, count, quiet = bands['acceleration.impactor below 400 Hz']
+    _, count, quiet, _ = bands['acceleration.impactor below 400 Hz']
     blows = [b for b in (fit.model.data.blows[i] for i in fit.layout.blows) if len(b.channels) > 3]
     before = sum(b.onset - b.recording.channels['acceleration.impactor'].start for b in blows)
     assert quiet == pytest.approx(2.0 * before * 340.0, rel=0.02)
@@ -155,3 +161,16 @@ def test_what_rattles_is_seen_in_noise_of_a_colour_as_well(make_campaign):
 
 def _louder_chances(fit: Fit) -> dict[str, float]:
     return {k: p for k, p in adequacy(fit).p_values.items() if k.startswith('the noise of')}
+
+
+@pytest.mark.parametrize('noise', [0.05, 0.2, 0.3, 0.6])
+def test_what_steps_leave_of_a_slow_reading(noise: float) -> None:
+    """The mean of many roundings of one value, over all values; steps of one."""
+    rng = np.random.default_rng(6)
+    values = np.linspace(0.0, 1.0, 400, endpoint=False)
+    read = np.round(values[:, None] + noise * rng.standard_normal((400, 4000)))
+    chance = float(np.mean(np.var(read, axis=1))) / read.shape[1]  # of a mean
+    error = float(np.mean((np.mean(read, axis=1) - values) ** 2)) - chance
+    told = rounding_error(1.0, math.sqrt(noise**2 + 1.0 / 12.0))
+    assert told == pytest.approx(error, rel=0.35, abs=2e-5)
+    assert rounding_error(0.0, noise) == 0.0

@@ -43,7 +43,16 @@ from impactscope.discrepancy.parallel import in_parallel
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms
 
-__all__ = ['LONE', 'TESTED', 'TOLD', 'Adequacy', 'adequacy', 'law_instead', 'without_lone']
+__all__ = [
+    'LONE',
+    'TESTED',
+    'TOLD',
+    'Adequacy',
+    'adequacy',
+    'law_instead',
+    'rounding_error',
+    'without_lone',
+]
 
 LONE = 3  # samples that must not decide anything
 TOLD = 9.0  # chi-square that each of them may tell at most
@@ -146,8 +155,8 @@ def _tested_fit(fit: Fit, laws: bool) -> Adequacy:
     law = ''
     if laws:
         p_values['laws'], excess['laws'], law = _laws(fit, weight, left, basis)
-    for label, (power, count, quiet) in _bands(fit, weight * limited).items():
-        allowed = _ALLOWED**2 * count
+    for label, (power, count, quiet, rounded) in _bands(fit, weight * limited).items():
+        allowed = _ALLOWED**2 * count + rounded
         p_values[label] = float(stats.ncx2.sf(power, count, allowed))
         if quiet < 1.0 or not count:
             p_values[label] = 1.0
@@ -458,22 +467,27 @@ def _tested(left: Array, columns: Array, basis: Array, size: int) -> tuple[float
     return min(1.0, 2.0 * min(together, single)), max(power - count, best)
 
 
-def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int, float]]:
+def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int, float, float]]:
     """Power and number of terms of the residual in bands, all recordings and channels.
 
     And the number of terms in the quiet before the blows, from which the colour of a noise that
     is not white is known; infinite where it is white. Of a noise that is not white also what is
-    above the bands, in units of what the quiet has there.
+    above the bands, in units of what the quiet has there. Last the power that a converter's steps
+    may leave in a band.
     """
     total: dict[str, list[float]] = {}
+    rounded: dict[str, float] = {}
     for (i, name), span in fit.layout.spans.items():
         blow = fit.model.data.blows[i]
-        time = blow.channels[name].centres[fit.layout.masks[i, name]]
+        channel, mask = blow.channels[name], fit.layout.masks[i, name]
+        time = channel.centres[mask]
         r = residual[span]
         after = (time > blow.settled) & (time < blow.onset + _BAND_LENGTH)
         r, time = r[after], time[after]
         if r.size < 32:
             continue
+        steps = rounding_error(channel.step, channel.noise)
+        steps *= float(np.sum(channel.std[mask][after] ** -2.0))
         length = float(time[-1] - time[0])
         before = blow.onset - blow.recording.channels[name].start
         white = blow.channels[name].colour is None and before > _SHORT_QUIET
@@ -497,6 +511,9 @@ def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int, float]]:
             entry[0] += float(np.sum(sure))
             entry[1] += sure.size
             entry[2] += math.inf if white else before / length * sure.size
+            rounded[f'{name} below {high:g} Hz'] = (
+                rounded.get(f'{name} below {high:g} Hz', 0.0) + steps
+            )
         quiet = _quiet_above(blow, name, low)
         if quiet[1]:
             above = total.setdefault(f'{name} above the bands', [0.0, 0.0, 0.0, 0.0])
@@ -506,10 +523,22 @@ def _bands(fit: Fit, residual: Array) -> dict[str, tuple[float, int, float]]:
     for label, (power, count, *quiet_ones) in total.items():
         if len(quiet_ones) == 2:
             squares, number = quiet_ones
-            found[label] = power / max(squares / number, 1.0), int(count), number
+            found[label] = power / max(squares / number, 1.0), int(count), number, 0.0
         else:
-            found[label] = power, int(count), quiet_ones[0]
+            found[label] = power, int(count), quiet_ones[0], rounded[label]
     return found
+
+
+def rounding_error(step: float, noise: float) -> float:
+    """Mean square of what a converter's steps leave of a slow reading that noise does not blur.
+
+    The first harmonic of the staircase, weakened by the noise before it, which is what the steps
+    have not made themselves (Widrow and Kollár, Quantization Noise (2008), ch. 5).
+    """
+    if step <= 0.0:
+        return 0.0
+    before = max(noise**2 - step**2 / 12.0, 0.0) / step**2
+    return step**2 / (2.0 * math.pi**2) * math.exp(-4.0 * math.pi**2 * before)
 
 
 def _quiet_above(blow: BlowData, name: str, low: float) -> tuple[float, float]:
