@@ -205,8 +205,8 @@ def flat_top(
 
     Equal readings do not show such a limit, for most are equal to others. Noise before it is cut
     off with the signal, so that a fit of the readings by their mean comes out too low; the largest
-    ones are the limit to half a step. None where no few readings reach it, or it is not near what
-    was fitted.
+    ones are the limit to half a step. None where fewer than three readings reach it, or it is not
+    near what was fitted.
 
     Args:
         readings: of each recording, shape (n,).

@@ -20,8 +20,6 @@ from impactscope.discrepancy.driven.findings.describe import describe
 from impactscope.discrepancy.driven.findings.effect_and_law import (
     NOISE,
     effect_and_law,
-    fitted_chi_square,
-    fitted_samples,
     leaves_noise,
     plain_gain,
 )
@@ -33,7 +31,14 @@ from impactscope.discrepancy.driven.findings.residual_size import (
 )
 from impactscope.discrepancy.driven.findings.subject import Subject
 from impactscope.discrepancy.driven.fits.simulation_error import Fit, fit
-from impactscope.discrepancy.driven.model_selection.chi_square import OWN, PRICE, priced, reduced
+from impactscope.discrepancy.driven.model_selection.chi_square import (
+    OWN,
+    PRICE,
+    fitted_chi_square,
+    fitted_samples,
+    priced,
+    reduced,
+)
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
 from impactscope.discrepancy.driven.noise.spectral_whitening import counting_share
@@ -408,10 +413,10 @@ def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
     """
     alone = said.left and said.instead
     made = outcome.baseline if alone else outcome.best
-    left = fitted_chi_square(case, made)
+    left = fitted_chi_square(case.judge, made)
     whole = left + whitened_logarithm(case) + priced(made, outcome.baseline)
     if said.left:  # of the noise, which was judged with the law in it, the level is open
-        size = fitted_samples(case)
+        size = fitted_samples(case.judge)
         law = said.strongest
         taken = plain_gain(law) if leaves_noise(case, made, law) else law.gain
         after = max(left - taken, NONE_LEFT * size)

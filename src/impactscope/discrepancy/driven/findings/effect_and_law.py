@@ -12,19 +12,17 @@ from impactscope.discrepancy.driven.adequacy.unmodelled_laws import (
     unmodelled_laws,
 )
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
-from impactscope.discrepancy.driven.model_selection.chi_square import PRICE, priced
+from impactscope.discrepancy.driven.model_selection.chi_square import (
+    PRICE,
+    fitted_chi_square,
+    fitted_samples,
+    priced,
+)
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.search.beam_search import Outcome
 from impactscope.discrepancy.driven.systems.case import Case
 
-__all__ = [
-    'NOISE',
-    'effect_and_law',
-    'fitted_chi_square',
-    'fitted_samples',
-    'leaves_noise',
-    'plain_gain',
-]
+__all__ = ['NOISE', 'effect_and_law', 'leaves_noise', 'plain_gain']
 
 NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
 CHANCE = 3.0  # standard deviations of chi-square, up to which what is left is noise
@@ -43,7 +41,7 @@ def effect_and_law(case: Case, outcome: Outcome, said: Verdict) -> tuple[Outcome
         return outcome, said
 
     def whole(made: Fit, law: UnmodelledLaw) -> float:
-        left = fitted_chi_square(case, made) - plain_gain(law)
+        left = fitted_chi_square(case.judge, made) - plain_gain(law)
         return left + priced(made, baseline) + PRICE * law.numbers
 
     least = whole(baseline, said.strongest) - TOGETHER
@@ -68,17 +66,6 @@ def _settled(case: Case, made: Fit) -> tuple[Fit, Sequence[Segment]]:
     return (made, case.segments) if case.settled is None else case.settled(made)
 
 
-def fitted_chi_square(case: Case, made: Fit) -> float:
-    """Chi-square of the fitted recordings."""
-    pairs = zip(case.segments, case.judge.chi_squares(made), strict=True)
-    return math.fsum(chi for s, chi in pairs if not s.held_out)
-
-
-def fitted_samples(case: Case) -> int:
-    """Samples of the fitted recordings."""
-    return sum(s.measured.size for s in case.segments if not s.held_out)
-
-
 def plain_gain(law: UnmodelledLaw) -> float:
     """Chi-square that a law takes away, without regard to what is left about it."""
     return law.gain if law.plain is None else law.plain
@@ -89,6 +76,6 @@ def leaves_noise(case: Case, made: Fit, law: UnmodelledLaw) -> bool:
 
     Of a fit that is far from the noise a law, which is a small change, says nothing so exact.
     """
-    size = fitted_samples(case)
-    left = fitted_chi_square(case, made)
+    size = fitted_samples(case.judge)
+    left = fitted_chi_square(case.judge, made)
     return left < NOISE * size and left - plain_gain(law) < size + CHANCE * math.sqrt(2.0 * size)

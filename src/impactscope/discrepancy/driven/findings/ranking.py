@@ -369,7 +369,7 @@ def _numbers(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimate]:
         found['order'] = ParameterEstimate(float(order), 0.0, '1')
         found['zero_phase'] = ParameterEstimate(float(both), 0.0, 'bool')
     if term.name == 'saturation':
-        mine = [x for x in s.segments if x.channel in (term.channel, '')] or list(s.segments)
+        mine = [x for x in s.segments if x.channel == term.channel] or s.segments
         limit, step = found['limit'], max(step_of(x.measured) for x in mine)
         noise = max(x.noise for x in mine)
         told = flat_top([x.measured for x in mine], step, float(limit.value), noise)

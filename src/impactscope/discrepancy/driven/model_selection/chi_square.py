@@ -26,6 +26,8 @@ __all__ = [
     'OWN',
     'PRICE',
     'NoiseJudge',
+    'fitted_chi_square',
+    'fitted_samples',
     'priced',
     'reduced',
     'slight',
@@ -209,3 +211,14 @@ def reduced(judge: NoiseJudge, made: Fit, *, held_out: bool = False) -> float:
     pairs = zip(judge.segments, judge.chi_squares(made), strict=True)
     rows = [(c, s.measured.size) for s, c in pairs if s.held_out is held_out]
     return math.fsum(c for c, _ in rows) / max(sum(n for _, n in rows), 1)
+
+
+def fitted_chi_square(judge: NoiseJudge, made: Fit) -> float:
+    """Chi-square of a fit on the fitted recordings."""
+    pairs = zip(judge.segments, judge.chi_squares(made), strict=True)
+    return math.fsum(chi for s, chi in pairs if not s.held_out)
+
+
+def fitted_samples(judge: NoiseJudge) -> int:
+    """Samples of the fitted recordings."""
+    return sum(s.measured.size for s in judge.segments if not s.held_out)

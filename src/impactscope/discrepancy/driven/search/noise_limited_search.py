@@ -179,10 +179,10 @@ def _grow(fits: Fits, base: Fit, judge: NoiseJudge, most: int) -> list[Fit]:
             if form not in forms:
                 made += _other_orders(fits, base, p)
             forms.add(form)
-    return _rung(fits, made, base, judge)
+    return _from_either_side(fits, made, base, judge)
 
 
-def _rung(fits: Fits, made: Sequence[Fit], base: Fit, judge: NoiseJudge) -> list[Fit]:
+def _from_either_side(fits: Fits, made: Sequence[Fit], base: Fit, judge: NoiseJudge) -> list[Fit]:
     """Fits of which those with something that rings set out once more, where they explain much.
 
     They have minima at other frequencies: from either side of the one at which each ended.

@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit
-from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge
+from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge, fitted_chi_square
 from impactscope.discrepancy.driven.models.model import Model
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
 from impactscope.discrepancy.evidence import spread_over_minima
@@ -48,8 +48,7 @@ def knowing_other_minima(model: Model, judge: NoiseJudge, made: Fit, terms: Sequ
         return fit(model, made.terms, judge.segments, begin, made.starts, evaluations, FINE)
 
     def chi_square(one: Fit) -> float:
-        pairs = zip(judge.segments, judge.chi_squares(one), strict=True)
-        return math.fsum(chi for s, chi in pairs if not s.held_out)
+        return fitted_chi_square(judge, one)
 
     rough = in_parallel(lambda begin: followed(begin, ROUGHLY), begins)
     most = chi_square(made) + BEHIND
