@@ -81,7 +81,7 @@ def test_what_has_no_frequency_is_not_scanned(ringing):
 def test_findings_are_pruned_again_beside_numbers_that_turned_out_otherwise(
     monkeypatch, fallen, times
 ):
-    finding = SimpleNamespace(free=(), channel='')
+    finding = SimpleNamespace(name='friction', free=(), channel='')
     first = SimpleNamespace(model=None, layout=None, x=None, chi_square=2000.0)
     better = SimpleNamespace(model=None, layout=None, x=None, chi_square=2000.0 - fallen)
     outcome = Outcome(first, first, [finding, finding])

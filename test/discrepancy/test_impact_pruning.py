@@ -81,15 +81,22 @@ def test_rivals_are_close_to_a_finding_as_it_was_weighed_beside_them(
 
 
 @pytest.mark.parametrize(
-    ('orientation', 'behind', 'named'),
-    [(1.0, 0.2, 'external_push'), (0.0, 0.2, 'gravity_load'), (1.0, 9.0, 'gravity_load')],
+    ('orientation', 'kind', 'behind', 'named'),
+    [
+        (1.0, 'pendulum', 0.2, 'external_push'),
+        (0.0, 'pendulum', 0.2, 'gravity_load'),
+        (1.0, 'pendulum', 9.0, 'gravity_load'),
+        (1.0, 'robot', 0.2, 'gravity_load'),
+    ],
 )
-def test_a_load_along_a_horizontal_bench_is_a_push(
-    orientation: float, behind: float, named: str
+def test_a_load_along_the_swing_of_a_pendulum_is_a_push(
+    orientation: float, kind: str, behind: float, named: str
 ) -> None:
-    """No weight acts there; standing, or where the push explains less, it stays what it is."""
+    """No weight acts there; standing, on a track, or where the push explains less, it stays."""
     weight = Candidate(label='gravity_load', name='gravity_load', subsystem='impactor')
-    model = SimpleNamespace(constants={'orientation': orientation})
+    blows = [SimpleNamespace(recording=SimpleNamespace(kind=k)) for k in ('tap', kind)]
+    data = SimpleNamespace(blows=blows)
+    model = SimpleNamespace(constants={'orientation': orientation}, data=data)
     final, other = (SimpleNamespace(model=model, layout='whole') for _ in range(2))
     outcome = Outcome(final, final, [weight])
     outcome.found[weight.label] = Found(weight, final, 50.0, 1e-9, -40.0)

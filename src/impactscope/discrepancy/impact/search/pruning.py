@@ -161,12 +161,16 @@ def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate], beside:
 
 
 def no_weight_along(outcome: Outcome) -> None:
-    """A push in the place of a weight, where it explains as much, along a horizontal bench.
+    """A push in the place of a weight, where it explains as much, of pendulums that swing to it.
 
-    No weight acts there: it is as unlikely as the push, which has more numbers, was beside it.
+    No weight acts along at the lowest point of a swing: it is as unlikely as the push, which has
+    more numbers, was beside it. Carts are another matter, a track may be out of level.
     """
     weight = next((c for c in outcome.accepted if c.name == 'gravity_load'), None)
-    if weight is None or outcome.final.model.constants.get('orientation', 0.0) < 0.5:
+    model = outcome.final.model
+    if weight is None or model.constants.get('orientation', 0.0) < 0.5:
+        return
+    if {b.recording.kind for b in model.data.blows} - {'tap'} != {'pendulum'}:
         return
     mine, others = outcome.found[weight.label], outcome.rivals.get(weight.label, [])
     pushes = [f for f in others if f.candidate.name == 'external_push']
