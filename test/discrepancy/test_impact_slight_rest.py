@@ -1,5 +1,6 @@
-"""Something unknown beside a strong finding: a slight rest does not take its name away."""
+"""Something unknown beside a finding whose name it does not put in doubt."""
 
+import dataclasses
 import math
 
 import pytest
@@ -39,3 +40,15 @@ def test_a_slight_rest_stands_beside_what_was_found(make_campaign, monkeypatch, 
     assert any('in the place of what is not known' in n for n in answer.notes) is not kept
     assert (friction.probability > 0.5) is kept
     assert friction.probability < 0.7
+
+
+def test_what_shows_in_the_held_out_recording_alone_stands_beside_what_was_found(make_campaign):
+    friction = Effect('coulomb_friction', {'force': 2.0})
+    stop = Effect('end_stop', {'travel': 2.2e-3, 'stiffness': 2000.0})
+    fitted, deeper = make_campaign(61, [friction]), make_campaign(61, [friction, stop])
+    recordings = (*fitted.recordings[:-1], deeper.recordings[-1])
+    answer = explain(dataclasses.replace(fitted, recordings=recordings))
+    assert answer.accepted == ('coulomb_friction', 'unknown')
+    assert 'held-out recordings are missed' in answer.unexplained_description
+    force = answer.findings[0].parameters['force']
+    assert abs(force.value - 2.0) < 3.0 * force.std

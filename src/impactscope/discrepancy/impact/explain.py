@@ -74,6 +74,7 @@ _OTHER_WAYS = 'other ways to take the names of the baseline'
 _CERTAIN = 300.0  # of chi-square, that slow noise does not imitate unseen
 _FAR_BEHIND = 100.0  # of chi-square
 _SLIGHT = 0.01  # of the amplitude of findings, of what is left beside them
+_BORNE_OUT = 0.5  # of what findings gain for a fitted sample, for one of what is held out
 _OUTDONE = 0.1  # odds of the findings against a law, below which the law is meant
 _INDISTINCT = 1.0  # square of the distance of residuals
 _WEAK = 2.0  # reduced chi-square of a baseline up to which a missing effect is a weak one
@@ -210,7 +211,7 @@ def _answer(
     accepted = list(outcome.accepted)
     rest = _unexplained(outcome, thresholds)
     unexplained, description = rest.left, rest.description
-    instead = unexplained and not rest.slight
+    instead = unexplained and not rest.beside
     kept = share_of_known(outcome.final.reduced, rest.chance, thresholds)
     seen = bool(direct)
     if not unexplained:  # what was fitted knows more than what was seen
@@ -305,7 +306,7 @@ class _Rest:
     left: bool
     description: str = ''
     chance: float = 1.0
-    slight: bool = False  # too slight to put the names of what was found in doubt
+    beside: bool = False  # nothing that puts the names of what was found in doubt
 
 
 def _unexplained(outcome: Outcome, thresholds: Thresholds) -> _Rest:
@@ -347,6 +348,7 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> _Rest:
             'Something is missing that no known mechanism explains: held-out recordings are '
             f'missed by {math.sqrt(held.reduced):.3g} times the noise.',
             tests.p_value,
+            _borne_out(outcome),
         )
     parts = []
     for (i, name), span in final.layout.spans.items():
@@ -373,6 +375,19 @@ def _slight(outcome: Outcome, tests: Adequacy) -> bool:
     worst = min(tests.p_values, key=lambda name: tests.p_values[name])
     gain = outcome.baseline.chi_square - outcome.final.chi_square
     return bool(outcome.accepted) and tests.excess[worst] < _SLIGHT**2 * gain
+
+
+def _borne_out(outcome: Outcome) -> bool:
+    """Whether held-out recordings gain by what was found about as the fitted ones do.
+
+    What they are missed by is something else then, that shows only in them, such as a stop that
+    no other blow has reached.
+    """
+    before, after = outcome.held_out_baseline, outcome.held_out_final
+    if not outcome.accepted or before is None or after is None:
+        return False
+    fitted = outcome.baseline.reduced - outcome.final.reduced
+    return before.reduced - after.reduced > _BORNE_OUT * fitted > 0.0
 
 
 def _law_instead(outcome: Outcome) -> tuple[float, str]:

@@ -22,6 +22,7 @@ __all__ = ['check_held_out']
 _NOT_QUITE = 0.03  # share of what findings gain in the fitted recordings
 _CONFIRMED = 4  # candidates that are held against the held-out recordings
 _OPEN = 10.0  # of the criterion, within which they decide between a finding and its rivals
+_MADE_GOOD = 0.5  # of what held-out recordings are missed by, that a rival may leave
 _RIVALS = 3  # of a finding, that are held against them
 
 
@@ -47,7 +48,7 @@ def check_held_out(
         if outcome.final is not confirmed:
             outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
     _drop_contradicted(outcome, thresholds)
-    _weigh_rivals(outcome)
+    _weigh_rivals(outcome, thresholds)
 
 
 def _drop_contradicted(outcome: Outcome, thresholds: Thresholds) -> None:
@@ -76,13 +77,17 @@ def _drop_contradicted(outcome: Outcome, thresholds: Thresholds) -> None:
             outcome.final, outcome.held_out_final = outcome.baseline, before
 
 
-def _weigh_rivals(outcome: Outcome) -> None:
+def _weigh_rivals(outcome: Outcome, thresholds: Thresholds) -> None:
     """Weigh the last finding and its rivals by the held-out recordings, too.
 
     Of two that explain the fitted ones about alike, what predicts the others better is likelier.
+    Where these are missed, a rival is likelier by what it makes good of that, half of it at
+    least: what shows in them alone is no evidence for the law that bends to it most easily.
     """
     if not outcome.accepted or outcome.held_out_final is None:
         return
+    missed = outcome.held_out_final.reduced
+    told = missed > thresholds.unexplained_ratio * max(1.0, outcome.final.reduced)
     candidate = outcome.accepted[-1]
     mine, rivals = outcome.found[candidate.label], outcome.rivals.get(candidate.label, [])
     own = {f.key for f in candidate.free}
@@ -96,7 +101,7 @@ def _weigh_rivals(outcome: Outcome) -> None:
         if not near or not time_left('rivals by what they predict'):
             break
         predicted = held_out_fit(rival.fit, outcome.final.model.data.held_out, outcome.window)
-        if predicted is None:
+        if predicted is None or (told and predicted.reduced - 1.0 > _MADE_GOOD * (missed - 1.0)):
             continue
         worse = further_misfit((outcome.final, outcome.held_out_final), (rival.fit, predicted))
         criterion = rival.criterion + worse / max(1.0, predicted.reduced)
