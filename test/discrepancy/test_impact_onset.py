@@ -6,9 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from impactscope.discrepancy.campaign import CampaignRecording, ChannelSamples
-from impactscope.discrepancy.impact.data.blows import _first_sight
+from impactscope.discrepancy.impact.data.blows import _first_sight, _seen_again
 
 RATE, CONTACT = 4000.0, 0.4
 TIME = np.arange(round(RATE)) / RATE
@@ -92,3 +93,22 @@ def test_a_blow_is_looked_for_in_the_part_of_a_recording_that_counts():
     (left,) = part.channels.values()
     assert left.start == pytest.approx(0.2)
     assert left.time[-1] == pytest.approx(0.7, abs=1.5 / RATE)
+
+
+def test_waves_of_noise_in_a_short_quiet_are_no_blow():
+    """Differences tell a third of such noise, and thirty milliseconds hold few of its waves."""
+    rng = np.random.default_rng(2)
+    quiet, size = 0.032, round(0.08 * RATE)
+    since = np.arange(size) / RATE - quiet
+    blow = np.where(since > 0.0, 110.0 * np.sin(100.0 * np.clip(since, 0.0, 0.03)) ** 2, 0.0)
+    early = []
+    for _ in range(40):
+        waves = signal.lfilter([0.26], [1.0, -0.965], rng.standard_normal(size + 400))[400:]
+        channels = {'force': ChannelSamples('force', 'N', RATE, 0.0, blow + 2.0 * waves)}
+        recording = CampaignRecording('short.mcap', kind='robot', channels=channels)
+        alone = _first_sight(channels)
+        ((_, told),) = _seen_again([(recording, alone)], {'force': 2.0})
+        early.append([onset < quiet - 1e-3 for onset in (alone, told)])
+    without, beside_others = np.sum(early, axis=0)
+    assert without > 4
+    assert beside_others == 0

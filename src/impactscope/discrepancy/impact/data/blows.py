@@ -145,8 +145,10 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
             f'{campaign.name}: no recording to fit holds a blow that can be used; '
             + ' '.join(notes[:_TOLD])
         )
-    noise = _noise(onsets, campaign.noise_std)
     colours = _colours(onsets, campaign.noise_std)
+    if colours:
+        onsets = _seen_again(onsets, {name: colour.std for name, colour in colours.items()})
+    noise = _noise(onsets, campaign.noise_std)
     slower = {n: c for n, c in (slower or {}).items() if n not in campaign.noise_std}
     if slower:
         notes.append(
@@ -177,8 +179,30 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
 # --- onset and noise -------------------------------------------------------------------------
 
 
-def _first_sight(channels: Mapping[str, ChannelSamples], *, let_go: bool = False) -> float | None:
+def _seen_again(
+    onsets: Sequence[tuple[CampaignRecording, float]], noise: Mapping[str, float]
+) -> list[tuple[CampaignRecording, float]]:
+    """Onsets once all recordings have told how large noise is that is not white.
+
+    A quiet of a few milliseconds shows less of it than its waves, which then pass for the blow.
+    """
+    again = []
+    for recording, onset in onsets:
+        let_go = recording.kind in _LET_GO
+        later = _first_sight(recording.channels, let_go=let_go, noise=noise)
+        again.append((recording, onset if later is None else later))
+    return again
+
+
+def _first_sight(
+    channels: Mapping[str, ChannelSamples],
+    *,
+    let_go: bool = False,
+    noise: Mapping[str, float] | None = None,
+) -> float | None:
     """Moment at which a blow is first seen, s.
+
+    ``noise``: of a sample, by channel, as far as other recordings tell it.
 
     A base moves by less and later than what stands on it, and where it does not move at all slow
     noise may look like a blow: it is asked where the others say nothing. An impactor that swings
@@ -188,7 +212,7 @@ def _first_sight(channels: Mapping[str, ChannelSamples], *, let_go: bool = False
     """
     least = _RELEASED * STANDARD_GRAVITY if let_go else 0.0
     for names in (CHANNELS[:2], CHANNELS[3:]):
-        found = _onset([channels[c] for c in names if c in channels])
+        found = _onset([channels[c] for c in names if c in channels], noise=noise)
         if found is not None:
             impactor = channels.get('acceleration.impactor')
             if impactor is None or 'acceleration.plate' in channels:
@@ -197,8 +221,8 @@ def _first_sight(channels: Mapping[str, ChannelSamples], *, let_go: bool = False
     if any(c in channels for c in CHANNELS if c != 'acceleration.impactor'):
         return None
     alone = [channels['acceleration.impactor']]
-    found = _onset(alone, least)
-    return _onset(alone) if found is None else found
+    found = _onset(alone, least, noise)
+    return _onset(alone, noise=noise) if found is None else found
 
 
 def _touched(channel: ChannelSamples, seen: float, least: float = 0.0) -> float:
@@ -222,16 +246,21 @@ def _touched(channel: ChannelSamples, seen: float, least: float = 0.0) -> float:
     return min(seen, float(channel.time[near][first]) - 0.5 / channel.sample_rate)
 
 
-def _onset(channels: Sequence[ChannelSamples], least: float = 0.0) -> float | None:
+def _onset(
+    channels: Sequence[ChannelSamples],
+    least: float = 0.0,
+    noise: Mapping[str, float] | None = None,
+) -> float | None:
     """Moment at which the first channel leaves its level before the blow by ``least``, s."""
-    found = [first for channel in channels if (first := _leaves(channel, least)) is not None]
-    return min(found) if found else None
+    left = (_leaves(c, least, (noise or {}).get(c.name, 0.0)) for c in channels)
+    return min((first for first in left if first is not None), default=None)
 
 
-def _leaves(channel: ChannelSamples, least: float = 0.0) -> float | None:
+def _leaves(channel: ChannelSamples, least: float = 0.0, noise: float = 0.0) -> float | None:
     """Moment at which a channel leaves its level; None where it shows no more than noise.
 
-    ``least``: distance from the level that counts at least.
+    ``least``: distance from the level that counts at least. ``noise``: of a sample, as other
+    recordings tell it.
     """
     values = channel.values
     finite = np.isfinite(values)
@@ -251,7 +280,8 @@ def _leaves(channel: ChannelSamples, least: float = 0.0) -> float | None:
         # noise that is not white is larger than its differences tell
         own = float(np.median(size[:first])) / 0.6745 if first >= _TELLING else 0.0
         if first < _TELLING:
-            own = min(float(np.nanstd(part)) for part in np.array_split(values, _STRETCHES))
+            parts = np.array_split(values, _STRETCHES)
+            own = max(noise, min(float(np.nanstd(part)) for part in parts))
         if own <= _LARGER * sigma:
             return channel.start + (first - 0.5) / channel.sample_rate
         sigma = own
