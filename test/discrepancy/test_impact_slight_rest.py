@@ -50,5 +50,6 @@ def test_what_shows_in_the_held_out_recording_alone_stands_beside_what_was_found
     answer = explain(dataclasses.replace(fitted, recordings=recordings))
     assert answer.accepted == ('coulomb_friction', 'unknown')
     assert 'held-out recordings are missed' in answer.unexplained_description
+    assert 'role: fit' in answer.next_tests[0]
     force = answer.findings[0].parameters['force']
     assert abs(force.value - 2.0) < 3.0 * force.std

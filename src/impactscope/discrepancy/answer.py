@@ -24,6 +24,7 @@ __all__ = [
     'ParameterEstimate',
     'Region',
     'Trace',
+    'held_out_alone',
     'stand_ins_told',
 ]
 
@@ -117,6 +118,20 @@ def stand_ins_told(names: Iterable[str]) -> tuple[str, ...]:
     if not told:
         return ()
     return (f'The extended model has {told} in the place of what is not known: no finding.',)
+
+
+def held_out_alone(table: FitTable, ratio: float) -> tuple[str, ...]:
+    """The test that follows where only what was held out is missed; none elsewhere.
+
+    ``ratio``: reduced chi-square above which a recording is missed.
+    """
+    after = table.extended
+    if not after.reduced_chi_square <= ratio < after.held_out_reduced_chi_square:
+        return ()
+    return (
+        'What is missing shows only in recordings that were held out: fit these, too '
+        '(role: fit), and hold out others.',
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

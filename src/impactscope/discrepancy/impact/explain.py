@@ -16,6 +16,7 @@ from impactscope.discrepancy.answer import (
     Mismatch,
     ParameterEstimate,
     Region,
+    held_out_alone,
     stand_ins_told,
 )
 from impactscope.discrepancy.campaign import Campaign
@@ -239,16 +240,20 @@ def _answer(
     p_value = min(outcome.p_value, 0.0 if seen else 1.0)
     if unexplained:
         p_value = min(p_value, rest.chance)
+    figures = fit_table(data, outcome)
+    tests = _next_tests(ranking, found, campaign)
+    if unexplained:
+        tests = (*held_out_alone(figures, thresholds.unexplained_ratio), *tests)
     return Answer(
         campaign=campaign.name,
         kind=campaign.kind.value,
         mismatch=Mismatch(detected, p_value, regions, tuple(subsystems)),
         accepted=tuple(found),
         ranking=tuple(ranking),
-        fit=fit_table(data, outcome),
+        fit=figures,
         unexplained=unexplained,
         unexplained_description=description if unexplained else '',
-        next_tests=_next_tests(ranking, found, campaign),
+        next_tests=tests[:_STATED_TESTS],
         baseline=campaign.baseline_names,
         baseline_parameters=fitted_numbers(outcome.baseline),
         extended_parameters=fitted_numbers(outcome.final),
@@ -538,4 +543,4 @@ def _next_tests(
         for finding in ranking[:1]:
             if finding.name in known and finding.probability > 0.05:
                 tests[f'To rule out {finding.name}: {known[finding.name].test}.'] = None
-    return tuple(tests)[:_STATED_TESTS]
+    return tuple(tests)

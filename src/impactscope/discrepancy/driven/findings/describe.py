@@ -11,6 +11,7 @@ from impactscope.discrepancy.answer import (
     Finding,
     Mismatch,
     ParameterEstimate,
+    held_out_alone,
     stand_ins_told,
 )
 from impactscope.discrepancy.driven.findings.decision import decide
@@ -36,6 +37,10 @@ def describe(subject: Subject) -> Answer:
     notes = list(s.notes)
     if told.left and not told.unexplained:
         notes.append(told.left)
+    figures = table(s, base, final)
+    tests = _tests(s, new, told.taken)
+    if told.unexplained:
+        tests = [*held_out_alone(figures, s.judge.thresholds.unexplained_ratio), *tests]
     return Answer(
         campaign=s.campaign.name,
         kind=s.campaign.kind.value,
@@ -47,10 +52,10 @@ def describe(subject: Subject) -> Answer:
         ),
         accepted=tuple(f.name for f in told.taken),
         ranking=(*told.taken, *told.others),
-        fit=table(s, base, final),
+        fit=figures,
         unexplained=told.unexplained,
         unexplained_description=told.left if told.unexplained else '',
-        next_tests=tuple(dict.fromkeys(_tests(s, new, told.taken))),
+        next_tests=tuple(dict.fromkeys(tests)),
         baseline=s.campaign.baseline_names,
         baseline_parameters=_estimates(s, base, units),
         extended_parameters=_extended(s, base, final, units),
