@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
+from scipy import signal
 
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.data.blows import prepare
-from impactscope.discrepancy.impact.models.baseline import MOST_OF_TAP
+from impactscope.discrepancy.impact.fits import start_values
+from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
+from impactscope.discrepancy.impact.fits.start_values import _rung_masses, cold_starts
+from impactscope.discrepancy.impact.models.baseline import MOST_OF_TAP, baseline_model
 from impactscope.discrepancy.impact.models.bench_model import Free
 from impactscope.physics.twin.assembly import Effect
-from impactscope.physics.twin.bench import HammerTap, MeasuredForce
+from impactscope.physics.twin.bench import HammerTap, MeasuredForce, Sensor
 
 RATE = 100_000.0  # Hz, of the pulse
+RATE_OF_SLOW = 2500.0
+SLOW = [1.0, -np.exp(-2.0 * np.pi * 4.0 / RATE_OF_SLOW)]  # a corner at 4 Hz
 MIXED = {
     'force': 2000.0,
     'acceleration.plate': 5000.0,
@@ -97,3 +105,39 @@ def test_friction_is_found_whatever_the_pulse(make_campaign, name):
 def test_a_tap_may_be_as_hard_as_a_fit_makes_it():
     number = Free('tap_peak@0', 100.0, 0.02, 1e-3, MOST_OF_TAP, logarithmic=True, blow=0)
     HammerTap(number.to_outer(number.bounds[1]), 0.005)  # else a trial ends the search
+
+
+def test_slow_noise_of_the_plate_is_not_taken_for_its_ring_down(make_campaign):
+    made = make_campaign(3, [])
+    rng = np.random.default_rng(1)
+
+    def wavy(channel):
+        steps = rng.standard_normal(channel.values.size)
+        slow = 300.0 * np.sqrt(np.pi * 4.0 / RATE_OF_SLOW) * signal.lfilter([1.0], SLOW, steps)
+        return dataclasses.replace(channel, values=channel.values + slow)
+
+    recordings = tuple(
+        dataclasses.replace(
+            r,
+            channels={
+                n: wavy(c) if n == 'acceleration.plate' else c for n, c in r.channels.items()
+            },
+        )
+        for r in made.recordings
+    )
+    noisy = dataclasses.replace(made, recordings=recordings)
+    model = baseline_model(noisy, prepare(noisy))
+    taps = [i for i in model.data.fitted if model.data.blows[i].recording.kind == 'tap']
+    masses = sorted(_rung_masses(model, taps))
+    assert masses[-1] > 3.0 * masses[0]  # the slower one is none of the plate's
+    assert fit_baseline(model).reduced < 2.0  # else some thousands
+
+
+@pytest.mark.parametrize('told', [(), (90.0,), (0.03,)])
+def test_a_mass_that_taps_do_not_bear_out_is_looked_for(make_campaign, monkeypatch, told):
+    made = make_campaign(3, [])
+    model = baseline_model(made, prepare(made))
+    monkeypatch.setattr(start_values, '_rung_masses', lambda *_: told)
+    (start,) = cold_starts(model)
+    mass = model.values(start)['sensor.moving_mass']
+    assert mass == pytest.approx(Sensor().moving_mass, rel=0.02)

@@ -42,36 +42,49 @@ def cold_starts(model: ImpactModel) -> list[Array]:
     taps = [i for i in model.data.fitted if model.data.blows[i].recording.kind == 'tap']
     masses = _rung_masses(model, taps) or _MASS_STARTS
     starts = _varied(model, [model.start()], 'sensor.moving_mass', masses)
-    if taps and len(starts) > 1:  # taps alone tell the mass
-        rung = []
-        for x in starts:
-            with contextlib.suppress(ImpactscopeError):
-                moved = place(model, x, taps)
-                rung.append(fit(model, model.layout(taps), moved, iterations=12, settled=1.0))
-        if rung:
-            starts = [min(rung, key=lambda f: f.chi_square).x]
+    unknown = any(f.key == 'sensor.moving_mass' and f.prior is None for f in model.free)
+    if taps and unknown:  # which taps alone tell
+        rung = _tapped(model, starts, taps)
+        if not rung or rung[0].reduced > _MISSED:  # a ring-down that was none tells nothing
+            others = _varied(model, [model.start()], 'sensor.moving_mass', _MASS_STARTS)
+            rung = sorted([*rung, *_tapped(model, others, taps)], key=lambda f: f.chi_square)
+        starts = [f.x for f in rung[:1]] or starts
     starts = _varied(model, starts, 'contact.stiffness', _CONTACT_STIFFNESSES)
     return _varied(model, starts, 'contact.restitution', _BOUNCES)
 
 
+def _tapped(model: ImpactModel, starts: Sequence[Array], taps: Sequence[int]) -> list[Fit]:
+    """Fits to the taps alone from each start, the best first."""
+    found = []
+    for x in starts:
+        with contextlib.suppress(ImpactscopeError):
+            moved = place(model, x, taps)
+            found.append(fit(model, model.layout(taps), moved, iterations=12, settled=1.0))
+    return sorted(found, key=lambda f: f.chi_square)
+
+
 def _rung_masses(model: ImpactModel, taps: Sequence[int]) -> tuple[float, ...]:
-    """Masses of the plate, kg, that the frequencies after the taps tell; none without taps."""
+    """Masses of the plate, kg, that the frequencies after the taps tell; none without taps.
+
+    Of either channel: what is largest in one may be its slow noise.
+    """
     stiffness = model.values(model.start())['sensor.stiffness']
     found = set()
     for i in taps:
         blow = model.data.blows[i]
-        channel = blow.channels.get('acceleration.plate', blow.channels.get('force'))
-        if channel is None:
-            continue
-        rings = np.nan_to_num(channel.samples[channel.time > blow.settled])
-        if rings.size < 64:
-            continue
-        size = 8 * rings.size
-        power = np.abs(np.fft.rfft((rings - np.mean(rings)) * np.hanning(rings.size), size))
-        frequency = np.fft.rfftfreq(size, 1.0 / channel.sample_rate)
-        top = float(frequency[int(np.argmax(power))])
-        if top > 0.0:
-            found.add(round(stiffness / (2 * math.pi * top) ** 2, 4))
+        for name in ('force', 'acceleration.plate'):
+            channel = blow.channels.get(name)
+            if channel is None:
+                continue
+            rings = np.nan_to_num(channel.samples[channel.time > blow.settled])
+            if rings.size < 64:
+                continue
+            size = 8 * rings.size
+            power = np.abs(np.fft.rfft((rings - np.mean(rings)) * np.hanning(rings.size), size))
+            frequency = np.fft.rfftfreq(size, 1.0 / channel.sample_rate)
+            top = float(frequency[int(np.argmax(power))])
+            if top > 0.0:
+                found.add(round(stiffness / (2 * math.pi * top) ** 2, 4))
     return tuple(sorted(found))
 
 
