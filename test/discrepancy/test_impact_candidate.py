@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from impactscope.discrepancy.explain import explain
@@ -21,6 +23,12 @@ def test_a_weaker_effect_keeps_its_times():
         'c': pytest.approx(0.3),
         'other': 2.0,
     }
+
+
+def test_what_is_more_than_usual_is_less_likely():
+    filtered = Candidate('f', 'low_pass_filter', 'measurement', doubt=2.0, usual={'cutoff': 2e3})
+    assert filtered.doubt_at({'cutoff': 500.0}) == 2.0
+    assert filtered.doubt_at({'cutoff': 2e4}) == pytest.approx(2.0 + 2.0 * math.log(10.0))
 
 
 def test_a_weak_further_branch_of_the_layer(make_campaign):

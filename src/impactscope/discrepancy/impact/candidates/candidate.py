@@ -41,6 +41,7 @@ class Candidate:
     recording: str = ''
     parameter: str = ''  # of the baseline, where that is what is wrong
     doubt: float = 0.0  # -2 log of its prior probability among its like
+    usual: Mapping[str, float] = field(default_factory=dict)  # key to the most that is usual
     fitted: tuple[int, ...] = ()  # recordings whose own numbers count, where it has such
     implied: int = 0  # numbers of a law of which it is one case, that it holds
 
@@ -53,6 +54,14 @@ class Candidate:
     @property
     def _own(self) -> int:
         return sum(f.prior is None and f.blow in self.fitted for f in self.free)
+
+    def doubt_at(self, values: Mapping[str, float]) -> float:
+        """-2 log of its prior probability among its like, with these numbers.
+
+        Above what is usual a number is as much less likely as it is larger.
+        """
+        beyond = (max(1.0, values[key] / most) for key, most in self.usual.items())
+        return self.doubt + 2.0 * sum(map(math.log, beyond))
 
     def price(self, gain: float, samples: int) -> float:
         """Fall of chi-square that its numbers cost, of the ``gain`` that it brings."""

@@ -102,7 +102,11 @@ def _low_pass(
 def _low_pass_ahead(
     channel: str, order: int, zero_phase: int, rate: float, cutoffs: Sequence[float]
 ) -> Candidate:
-    """A filter that acts before samples are taken; its cut-off may be above half their rate."""
+    """A filter that acts before samples are taken; its cut-off may be above half their rate.
+
+    Hardly anybody builds one that passes many times what the samples can show: where only a delay
+    is left of it, a clock is likelier.
+    """
     plain = _low_pass(channel, order, zero_phase, rate, cutoffs)
     (number,) = plain.free
     lower, upper = LOWEST_AHEAD * rate, _FAR * rate
@@ -114,6 +118,7 @@ def _low_pass_ahead(
         free=(number,),
         constants=constants,
         amplitudes={number.key: math.inf},  # far above the signal it does next to nothing
+        usual={number.key: rate},
     )
 
 

@@ -106,7 +106,7 @@ def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
     samples = joint.layout.size
     criterion = information(candidate.price(gain, samples) - gain, 0, samples, places)
     chance = chance_of(candidate, joint, gain, looks)
-    criterion += candidate.doubt
+    criterion += candidate.doubt_at(joint.values)
     # a line of any frequency, each recording with its own phase, must pay for all
     dear = places > 1 and information(-gain, candidate.cost, samples, places) > 0.0
     # of many numbers chance is sooner excluded than none of them is likelier than nothing

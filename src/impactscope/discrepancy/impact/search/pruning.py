@@ -230,7 +230,7 @@ def _against(candidate: Candidate, other: Fit, found: Found, final: Fit) -> tupl
     """
     mine = found.candidate
     least = Thresholds().false_finding
-    doubt = candidate.doubt - mine.doubt
+    doubt = candidate.doubt_at(other.values) - mine.doubt_at(final.values)
     more = candidate.cost - mine.cost
     if contains(candidate, mine):
         return -evidence_for(other, final), least_gain(more, 1, least) + doubt
