@@ -48,6 +48,13 @@ _LEAST_BEFORE = 16  # samples of the impactor before that
 _TOLD = 4  # notes in an error
 _LET_GO = ('pendulum', 'drop')  # kinds of blows
 _RELEASED = 1.25  # times the earth's acceleration, which a release shows
+_RELEASE = 2  # samples at least on either side of the moment in which an impactor is let go
+_OF_RELEASE = 1.5  # times the least that is left, from which more than slow noise was there
+_SHRUNK = 1.1  # times the least that is left, up to which a shorter gap will do
+_BEFORE_RISE = 0.6  # of what precedes a blow, that shows the level
+_RUN = 5  # samples, whose mean has
+_RISEN = 3.0  # of the noise
+_RISES = 2e-3  # s, at least, for which a blow is seen to begin: nearer it counts as no quiet
 _TELLING = 64  # samples before the onset that tell how large the noise is
 _STRETCHES = 16  # of a recording, the quietest of which tells it where there are no such samples
 _LARGER = 1.3  # times what differences tell
@@ -212,8 +219,10 @@ def _first_sight(
     """
     least = _RELEASED * STANDARD_GRAVITY if let_go else 0.0
     for names in (CHANNELS[:2], CHANNELS[3:]):
-        found = _onset([channels[c] for c in names if c in channels], noise=noise)
+        group = [channels[c] for c in names if c in channels]
+        found = _onset(group, noise=noise)
         if found is not None:
+            found = min(_departs(c, found, (noise or {}).get(c.name, 0.0)) for c in group)
             impactor = channels.get('acceleration.impactor')
             if impactor is None or 'acceleration.plate' in channels:
                 return found
@@ -244,6 +253,28 @@ def _touched(channel: ChannelSamples, seen: float, least: float = 0.0) -> float:
         return seen
     first = int(np.argmax(size > threshold))
     return min(seen, float(channel.time[near][first]) - 0.5 / channel.sample_rate)
+
+
+def _departs(channel: ChannelSamples, seen: float, noise: float = 0.0) -> float:
+    """Moment at which a channel begins to go where it is clearly ``seen``, s.
+
+    A twentieth of the peak of a quiet sensor is far above its noise, and a heavy plate loads its
+    spring for milliseconds until then. Nothing less counts: noise may precede any blow.
+    """
+    before = (channel.time < seen) & np.isfinite(channel.values)
+    values = channel.values[before]
+    if values.size < _TELLING:
+        return seen
+    early = values[: round(_BEFORE_RISE * values.size)]
+    level = float(np.median(early))
+    sigma = max(noise, noise_std(early), float(np.median(np.abs(early - level))) / 0.6745)
+    run = ndimage.uniform_filter1d(values - level, _RUN, mode='nearest')
+    quiet = np.flatnonzero(np.abs(run) <= _RISEN * sigma)
+    last = int(quiet[-1]) if quiet.size else -1
+    if last + 1 >= values.size:
+        return seen
+    moment = float(channel.time[before][last + 1])
+    return moment if _RISES < seen - moment < _LATER else seen
 
 
 def _onset(
@@ -372,11 +403,30 @@ def _quiet(
 
 
 def _about_release(before: Array) -> list[Array]:
-    """What an impactor shows before the blow, without its swing, and parted where it is let go."""
+    """What an impactor shows before the blow, without its swing, and parted where it is let go.
+
+    To let go may take many samples: as many are left out on either side as it takes until what is
+    left shrinks no further.
+    """
     if before.size < 16 or not np.isfinite(before).all():
         return []
     jump = int(np.argmax(np.abs(np.cumsum(before - np.mean(before)))))
-    parts = [before[: max(jump - 2, 0)], before[jump + 3 :]]
+    parts = _without_swing(before, jump, _RELEASE)
+    spread = _pooled(parts)
+    if spread <= _LARGER * noise_std(before):
+        return parts
+    gaps = [_RELEASE * 2**n for n in range(1, 12) if _RELEASE * 2**n < before.size // 4]
+    tried = [(gap, _without_swing(before, jump, gap)) for gap in gaps]
+    spreads = [_pooled(p) for _, p in tried]
+    least = min([spread, *spreads])
+    if spread <= _OF_RELEASE * least:
+        return parts
+    return next(p for (_, p), s in zip(tried, spreads, strict=True) if s <= _SHRUNK * least)
+
+
+def _without_swing(before: Array, jump: int, gap: int) -> list[Array]:
+    """The parts on either side of a jump, ``gap`` samples away, without their smooth course."""
+    parts = [before[: max(jump - gap, 0)], before[jump + gap + 1 :]]
     if max(part.size for part in parts) < SHORTEST:  # too short a time to be let go in
         parts = [before]
     swing = [np.linspace(-1.0, 1.0, part.size) for part in parts]
@@ -385,6 +435,12 @@ def _about_release(before: Array) -> list[Array]:
         for part, t in zip(parts, swing, strict=True)
         if part.size >= SHORTEST
     ]
+
+
+def _pooled(parts: Sequence[Array]) -> float:
+    """RMS of all parts."""
+    size = sum(part.size for part in parts)
+    return math.sqrt(sum(float(part @ part) for part in parts) / size) if size else math.inf
 
 
 # --- blows -------------------------------------------------------------------------------------
