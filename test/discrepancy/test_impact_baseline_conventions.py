@@ -38,6 +38,13 @@ def test_a_weight_is_taken_the_other_way_and_back(make_campaign):
     assert with_conventions_of(baseline.model, other).constants[LARGE_ANGLES] == 1.0
 
 
+def test_a_choice_may_show_only_where_a_fit_does_not_follow(make_campaign):
+    campaign = make_campaign(5, large_angles=True, duration=1.2)
+    baseline = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    early = baseline.model.layout(baseline.layout.blows, 0.02)
+    assert len(other_conventions(fit(baseline.model, early, baseline.x))) == 1
+
+
 def test_nobody_can_tell_where_there_is_no_weight(make_campaign):
     names = ('linear_sensor', 'zener_damper', 'unilateral_contact')
     campaign = make_campaign(20, orientation='horizontal', baseline=names)

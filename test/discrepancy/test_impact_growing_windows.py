@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.fits import growing_windows
 from impactscope.discrepancy.impact.fits.growing_windows import (
     _by_other_ways,
     _by_taps,
@@ -166,3 +168,11 @@ def test_bare_metal_lets_go_whether_the_baseline_says_so_or_not(make_campaign):
     assert with_metal_that_lets_go(taken) is taken
     glued = make_campaign(42, baseline=GLUED)
     assert with_metal_that_lets_go(glued) is glued
+
+
+@pytest.mark.parametrize('to_the_end', [True, False])
+def test_the_last_contact_that_only_one_fit_meets_decides(monkeypatch, to_the_end):
+    found = SimpleNamespace(layout=SimpleNamespace(size=8015), reduced=0.9436)
+    other = SimpleNamespace(layout=SimpleNamespace(size=8147), reduced=0.9427)
+    monkeypatch.setattr(growing_windows, 'follows_all', lambda f: to_the_end and f is other)
+    assert growing_windows.further(found, other) is (other if to_the_end else found)

@@ -117,8 +117,12 @@ def _by_taps(model: ImpactModel, start: Array) -> Fit | None:
 
 
 def further(found: Fit, other: Fit) -> Fit:
-    """The fit that follows the blows further; of two that go as far the one that leaves less."""
+    """The fit that follows the blows further; of two that go as far the one that leaves less.
+
+    A last contact that only one of them meets is few samples, and yet the end of the way.
+    """
     longer = other.layout.size > 1.02 * found.layout.size
+    longer |= follows_all(other) and not follows_all(found)
     as_long = other.layout.size > 0.98 * found.layout.size
     if longer or (as_long and other.reduced < found.reduced - 1e-3):
         return other

@@ -47,7 +47,7 @@ _TOLD = {
 def other_conventions(found: Fit) -> list[ImpactModel]:
     """A fit's model with what its names leave open taken otherwise, one choice at a time.
 
-    Only choices that would be seen to differ.
+    Only choices that would be seen to differ, be it where the fit does not follow any more.
     """
     model = found.model
     constants = model.constants
@@ -63,8 +63,9 @@ def other_conventions(found: Fit) -> list[ImpactModel]:
 
 
 def _differs(found: Fit, other: ImpactModel) -> bool:
+    whole = found.model.layout(found.layout.blows)
     try:
-        moved = other.residuals(found.x, found.layout) - found.residuals
+        moved = other.residuals(found.x, whole) - found.model.residuals(found.x, whole)
     except ImpactscopeError:
         return True
     return float(moved @ moved) > _SEEN
