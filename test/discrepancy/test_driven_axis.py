@@ -39,6 +39,7 @@ def course(seconds, amplitude, rng):
 NO_SPRING = (0.0, 0.0, 0.0, np.inf)  # linear, cubic, of a stop, its travel
 NO_BASE = (np.inf, 0.0, 0.0)  # mass, stiffness, damping
 EVEN = (0.0, 1.0)  # force of a cogging, and its period
+FREE = (0.0, 0.0, 1.0)  # friction of a tight spot, its place and width
 
 
 @njit
@@ -50,13 +51,16 @@ def pulled_back(x, spring):
 
 
 @njit
-def axis(reference, friction, load, spring, base, cogging, drag=0.0, uneven=0.0, fading=0.0):
+def axis(
+    reference, friction, load, spring, base, cogging, drag=0.0, uneven=0.0, fading=0.0, tight=FREE
+):
     """Encoder positions and commanded forces; exact sliding at small steps, friction implicit.
 
     ``spring``: see ``pulled_back``; ``base``: on which drive and guide stand; ``cogging``: force
     and period along the position; ``drag``: of the square of the speed, N s^2/m^2;
     ``uneven``: growth of the friction with the distance from the middle, N/m; ``fading``: share
-    of the friction that is gone at the end.
+    of the friction that is gone at the end; ``tight``: friction of a tight spot, its place and
+    its width.
     """
     step = 1.0 / (RATE * FINE)
     keep = np.exp(-step * DAMPING / MASS)
@@ -84,6 +88,7 @@ def axis(reference, friction, load, spring, base, cogging, drag=0.0, uneven=0.0,
                 sway += step * sway_speed
             free = keep * v + push * pull
             rub = friction * (1.0 - fading * i / reference.size) + uneven * abs(x)
+            rub += tight[0] * np.exp(-(((x - tight[1]) / tight[2]) ** 2))
             new = np.sign(free) * max(abs(free) - push * rub, 0.0)
             x += 0.5 * step * (v + new)
             v = new
@@ -108,6 +113,7 @@ def closed_loop(
     drag=0.0,
     ripple=0.0,
     uneven=0.0,
+    tight=FREE,
     fading=0.0,
     begin=0,
     end=None,
@@ -118,7 +124,7 @@ def closed_loop(
         file = f'r{i}.mcap'
         reference = course(4.0, 0.05 * (farther if i == 2 else 1.0), rng)
         positions, forces = axis(
-            reference, friction, load, spring, base, cogging, drag, uneven, fading
+            reference, friction, load, spring, base, cogging, drag, uneven, fading, tight
         )
         positions = np.concatenate([np.full(late, positions[0]), positions])[: positions.size]
         if smooth:
@@ -216,6 +222,14 @@ def test_friction_that_fades_is_friction_and_something_unknown(friction, fading)
     answer = explain_driven(closed_loop(5, friction=friction, fading=fading))
     assert answer.accepted == ('coulomb_friction', 'unknown')
     assert 'a friction that changes in time' in answer.unexplained_description
+
+
+def test_a_tight_spot_is_told_by_its_place():
+    answer = explain_driven(closed_loop(6, tight=(0.05, 0.012, 0.004)))
+    assert 'unknown' in answer.accepted
+    law = re.search(r'friction about (\S+) m of the position', answer.unexplained_description)
+    assert law is not None
+    assert float(law[1]) == pytest.approx(0.012, abs=0.001)
 
 
 def test_a_cogging_of_many_teeth_is_not_nothing():

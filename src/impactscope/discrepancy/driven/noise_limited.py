@@ -65,6 +65,7 @@ from impactscope.discrepancy.driven.systems.slow_noise import (
     knowing_slow_noise,
     may_be_slow_noise,
     plain_noise,
+    white_logarithm,
     whitened_logarithm,
     without_slow_effects,
 )
@@ -118,8 +119,8 @@ def plate_answer(campaign: Campaign, begun: Start, tell: Progress) -> tuple[Answ
     near = OVERSTATED * _counting(case) < reduced(case.judge, start) < MOSTLY_NOISE
     if not near and plain_noise(case) is None:
         return None, False
-    answer, _, sure = _exact(campaign, case, notes, tell, seed=seed if near else None)
-    return answer, sure
+    found = _exact(campaign, case, notes, tell, seed=seed if near else None)
+    return found.answer, found.sure
 
 
 def _towards_noise(case: Case, begin: Fit | None = None) -> Fit:
@@ -205,36 +206,42 @@ def mass_answer(
     def anew(before: Case, found: Fit) -> Case | None:
         return driven_mass_case(whole, model, segments, linear, held=held, found=(before, found))
 
-    answer, outcome, sure = _repeated(campaign, case, anew, notes, tell, seed)
-    if held and (answer.unexplained or not sure) and time_left('noise of the force'):
-        noisy = _with_noise_of_the_force(campaign, case, outcome.best, whole, notes, tell)
+    found = _repeated(campaign, case, anew, notes, tell, seed)
+    answer = found.answer
+    if held and (answer.unexplained or not found.sure) and time_left('noise of the force'):
+        noisy = _with_noise_of_the_force(campaign, case, found, whole, notes, tell)
         if noisy is not None:
             return noisy, True
     # on real machines what stands beside the findings is an error of the model; an axis that is
     # explained to its noise is none of these
     beside = 'unknown' in answer.accepted and len(answer.accepted) > 1
-    return answer, sure and (case.model.drifts or not beside)
+    return answer, found.sure and (case.model.drifts or not beside)
 
 
 def _with_noise_of_the_force(
     campaign: Campaign,
     case: Case,
-    made: Fit,
+    exact: _Explained,
     parts: Sequence[Cut],
     notes: Sequence[str],
     tell: Progress,
 ) -> Answer | None:
-    """The answer where a force that was taken for exact has noise; None if that is not all."""
-    told = (*notes, NOISE_OF_THE_FORCE)
+    """The answer where a force that was taken for exact has noise; None if that is not all.
+
+    Or if that noise is less likely, even if it were all, than what an ``exact`` force leaves.
+    """
+    told, made = (*notes, NOISE_OF_THE_FORCE), exact.outcome.best
     for _ in range(REPEATS):
         noisy = knowing_noise_of_the_force(case, made, parts) if case.model.drifts else None
         if noisy is None:
             return None
-        answer, outcome, _ = _exact(campaign, noisy, told, tell)
-        if labels_of(outcome.best.terms) == labels_of(made.terms):
+        if fitted_samples(noisy.judge) + whitened_logarithm(noisy) > exact.misfit:
+            return None
+        found = _exact(campaign, noisy, told, tell)
+        if labels_of(found.outcome.best.terms) == labels_of(made.terms):
             break
-        made = outcome.best
-    return None if answer.unexplained else answer
+        made = found.outcome.best
+    return None if found.answer.unexplained else found.answer
 
 
 def motion_answer(
@@ -259,8 +266,8 @@ def motion_answer(
     def anew(before: Case, found: Fit) -> Case | None:
         return prescribed_case(whole, device, before, found)
 
-    answer, _, sure = _repeated(campaign, case, anew, notes, tell)
-    return answer, sure and not _errs(answer)
+    found = _repeated(campaign, case, anew, notes, tell)
+    return found.answer, found.sure and not _errs(found.answer)
 
 
 def chain_answer(
@@ -279,14 +286,28 @@ def chain_answer(
     def anew(_: Case, found: Fit) -> Case | None:
         return chain_case(model, segments, linear, found)
 
-    answer, _, sure = _repeated(campaign, case, anew, notes, tell)
-    return answer, sure
+    found = _repeated(campaign, case, anew, notes, tell)
+    return found.answer, found.sure
 
 
 def _counting(case: Case) -> float:
     """Samples that count, of all, where coarse readings rest."""
     shares = [float(np.mean(s.weight**2)) for s in case.segments if s.weight is not None]
     return min(shares, default=1.0)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Explained:
+    """An answer where noise is all that a right model leaves.
+
+    ``sure``: whether it is all; ``misfit``: minus twice the logarithm of the likelihood, in the
+    output's unit, with a price for all that was found.
+    """
+
+    answer: Answer
+    outcome: Outcome
+    sure: bool
+    misfit: float
 
 
 def _exact(
@@ -296,8 +317,8 @@ def _exact(
     tell: Progress,
     share: float = 1.0,
     seed: Fit | None = None,
-) -> tuple[Answer, Outcome, bool]:
-    """The answer where noise is all that a right model leaves, and whether it is.
+) -> _Explained:
+    """The answer where noise is all that a right model leaves.
 
     Where what is found leaves noise of a colour the search is made again with that noise; what
     is likelier of both, with all that was found in it, is the answer.
@@ -349,7 +370,9 @@ def _exact(
     subject = Subject(
         campaign, case.model, case.segments, case.judge, outcome, None, known, case, said
     )
-    return describe(subject), outcome, reduced(case.judge, outcome.best) < NOISE
+    sure = reduced(case.judge, outcome.best) < NOISE
+    misfit = _misfit(*best) + white_logarithm(case)
+    return _Explained(describe(subject), outcome, sure, misfit)
 
 
 def _in_its_noise(case: Case, seed: Fit | None) -> Fit | None:
@@ -454,11 +477,12 @@ def _repeated(
     notes: Sequence[str],
     tell: Progress,
     seed: Fit | None = None,
-) -> tuple[Answer, Outcome, bool]:
+) -> _Explained:
     """The answer once the noise, judged ``anew`` by what was found, no longer changes."""
-    answer, outcome, sure = _exact(campaign, case, notes, tell, 0.5, seed)
+    found = _exact(campaign, case, notes, tell, 0.5, seed)
     erred = False
     for _ in range(REPEATS):
+        answer, outcome = found.answer, found.outcome
         if reduced(case.judge, outcome.best) > HOPELESS:
             break
         if case.model.drifts and not answer.accepted and SLOW_NOISE in answer.notes:
@@ -472,8 +496,8 @@ def _repeated(
         if again is None or _alike(case, again):
             break
         case = again
-        answer, outcome, sure = _exact(campaign, case, notes, tell, seed=outcome.best)
-    return answer, outcome, sure
+        found = _exact(campaign, case, notes, tell, seed=outcome.best)
+    return found
 
 
 def _alike(one: Case, other: Case) -> bool:

@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 NEAR = 1e-12
 MODE_DAMPING = 0.03
 REPEATS = 'a force that repeats'
+BELLS = 0.05, 0.15  # of the range of motion: widths of what acts about one place, at first
 
 
 class _Plate:
@@ -140,6 +141,7 @@ def plate_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
     yield Group('a reading that is not straight', [p.output([y**3 for y in p.outputs])])
     if made.values.get('stiffness', 0.0) == 0.0 and segments[0].derivative == 0:
         yield from _repeating(p, xs)  # with a spring a place is hardly passed twice
+        yield from _at_a_place(p, xs, signs)
     yield from _swinging(p, xs, times)
     yield from _memory(p, xs, vs)
     yield from _modes(p)
@@ -181,6 +183,43 @@ def _repeating(p: _Plate, xs: Sequence[Array]) -> Iterator[Group]:
             LOOKS + tried.size,
             Shaped((0.0,), columns, law),
         )
+
+
+def _at_a_place(p: _Plate, xs: Sequence[Array], signs: Sequence[Array]) -> Iterator[Group]:
+    """Friction or a push about one place: a tight spot of a rail, a dent of a track, a cable.
+
+    A bell of any place and width, which is found from the nearest of those that are tried first.
+    """
+    every = np.concatenate(xs)
+    span = float(np.ptp(every))
+    if not span > 0.0:
+        return
+    unit, lowest = p.segments[0].unit, float(np.min(every))
+    starts = [
+        (lowest + (i + 0.5) * share * span, share * span)
+        for share in BELLS
+        for i in range(round(1.0 / share))
+    ]
+    ones = [np.ones(x.size) for x in xs]
+    for kind, ways in (('friction', signs), ('a force', ones)):
+        for about, width in starts:
+
+            def columns(
+                shape: Array, at: float = about, w: float = width, way: Sequence[Array] = ways
+            ) -> list[Array]:
+                place, wide = at + w * shape[0], w * math.exp(shape[1])
+                pairs = zip(way, xs, strict=True)
+                return [p.answer([s * np.exp(-(((x - place) / wide) ** 2)) for s, x in pairs])]
+
+            def law(shape: Array, at: float = about, w: float = width, of: str = kind) -> str:
+                return f'{of} about {at + w * shape[0]:.3g} {unit} of the position'
+
+            yield Group(
+                f'{kind} about one place',
+                columns(np.zeros(2)),
+                LOOKS + 2 * len(starts),
+                Shaped((0.0, 0.0), columns, law),
+            )
 
 
 def _memory(p: _Plate, xs: Sequence[Array], vs: Sequence[Array]) -> Iterator[Group]:

@@ -33,6 +33,7 @@ from impactscope.discrepancy.driven.noise.coloured_noise import (
     spectrum,
 )
 from impactscope.discrepancy.driven.noise.kalman_whitening import Whitener
+from impactscope.discrepancy.driven.noise.spectral_whitening import Stepped
 from impactscope.discrepancy.driven.systems.case import Case
 from impactscope.discrepancy.driven.systems.chain_noise import ChainNoise, settled_ends
 from impactscope.discrepancy.driven.systems.prescribed_noise_limited import PrescribedMotionNoise
@@ -43,6 +44,7 @@ __all__ = [
     'like_noise',
     'may_be_slow_noise',
     'plain_noise',
+    'white_logarithm',
     'whitened_logarithm',
     'without_slow_effects',
 ]
@@ -185,6 +187,17 @@ def whitened_logarithm(case: Case) -> float:
             found += whitener.logarithm()
         elif slow is not None:
             found += slow.logarithm(size)
+    return found
+
+
+def white_logarithm(case: Case) -> float:
+    """Logarithm of the determinant of the noise beside that, at most; infinite if not known."""
+    found = 0.0
+    for s in case.segments:
+        if isinstance(s.whitener, (PrescribedMotionNoise, ChainNoise, Stepped)):
+            return math.inf
+        if not s.held_out and not isinstance(s.whitener, Whitener):
+            found += 2.0 * s.measured.size * math.log(s.noise)
     return found
 
 
