@@ -17,12 +17,13 @@ from impactscope.discrepancy.impact.search.outcome import Found, Outcome
 
 def candidate_of(name):
     number = SimpleNamespace(key=f'{name}.force')
-    return SimpleNamespace(label=name, name=name, free=(number,), effects=(), cost=1)
+    return SimpleNamespace(label=name, name=name, free=(number,), effects=(), cost=1, channel='')
 
 
 def found_of(candidate, criterion, refused=False, size=100):
     model = SimpleNamespace(data=SimpleNamespace(held_out=()), free=candidate.free)
-    fit = SimpleNamespace(chi_square=100.0, model=model, layout=SimpleNamespace(size=size))
+    layout = SimpleNamespace(size=size)
+    fit = SimpleNamespace(chi_square=100.0, reduced=1.0, model=model, layout=layout)
     return Found(candidate, fit, -criterion, 0.0, criterion, refused)
 
 
@@ -33,7 +34,7 @@ def outcome_of(gained):
     friction = candidate_of('coulomb_friction')
     return Outcome(
         baseline=SimpleNamespace(chi_square=100.0 + gained, model=model, layout=layout),
-        final=SimpleNamespace(chi_square=100.0, model=model, layout=layout),
+        final=SimpleNamespace(chi_square=100.0, reduced=1.0, model=model, layout=layout),
         accepted=[friction],
         found={'coulomb_friction': found_of(friction, -40.0)},
         window=1.0,
@@ -173,3 +174,33 @@ def test_what_one_set_of_numbers_meets_is_not_missing(make_campaign):
     bent = dataclasses.replace(held.model.data, blows=tuple(blows))
     model = dataclasses.replace(held.model, data=bent)
     assert not _met_together(baseline, dataclasses.replace(held, model=model), 1.2)
+
+
+def formed(name, label, criterion):
+    candidate = SimpleNamespace(label=label, name=name, free=(), channel='force')
+    return found_of(candidate, criterion)
+
+
+@pytest.mark.parametrize(
+    ('orders', 'name'),
+    [
+        ([-87.0, -86.9, -84.0], 'low_pass_filter'),  # together likelier than a clock
+        ([-87.0], 'clock_error'),
+        ([-80.0, -80.0, -80.0], 'clock_error'),
+    ],
+)
+def test_forms_of_one_name_count_together(monkeypatch, orders, name):
+    clock = formed('clock_error', 'clock', -88.0)
+    filters = [formed('low_pass_filter', f'order {n}', c) for n, c in enumerate(orders)]
+    outcome = Outcome(clock.fit, clock.fit, [clock.candidate])
+    outcome.found['clock'] = clock
+    outcome.rivals['clock'] = filters
+    outcome.held_out_final = clock.fit
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: clock.fit)
+    held_out._by_name(outcome)
+    (accepted,) = outcome.accepted
+    assert accepted.name == name
+    if name == 'low_pass_filter':
+        assert accepted.label == 'order 0'
+        assert outcome.final is filters[0].fit
+        assert 'clock' in {f.candidate.label for f in outcome.rivals['order 0']}

@@ -28,7 +28,7 @@ def test_a_weaker_effect_keeps_its_times():
 def test_what_is_more_than_usual_is_less_likely():
     filtered = Candidate('f', 'low_pass_filter', 'measurement', doubt=2.0, usual={'cutoff': 2e3})
     assert filtered.doubt_at({'cutoff': 500.0}) == 2.0
-    assert filtered.doubt_at({'cutoff': 2e4}) == pytest.approx(2.0 + 2.0 * math.log(10.0))
+    assert filtered.doubt_at({'cutoff': 2e4}) == pytest.approx(2.0 + math.log(10.0))
 
 
 def test_a_weak_further_branch_of_the_layer(make_campaign):

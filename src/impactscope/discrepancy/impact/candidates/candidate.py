@@ -58,10 +58,10 @@ class Candidate:
     def doubt_at(self, values: Mapping[str, float]) -> float:
         """-2 log of its prior probability among its like, with these numbers.
 
-        Above what is usual a number is as much less likely as it is larger.
+        Above what is usual a number is less likely, by the root of how much larger it is.
         """
         beyond = (max(1.0, values[key] / most) for key, most in self.usual.items())
-        return self.doubt + 2.0 * sum(map(math.log, beyond))
+        return self.doubt + sum(map(math.log, beyond))
 
     def price(self, gain: float, samples: int) -> float:
         """Fall of chi-square that its numbers cost, of the ``gain`` that it brings."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import numpy as np
+
 from impactscope.discrepancy.evidence import Thresholds, least_gain
 from impactscope.discrepancy.impact.fits.growing_windows import further_misfit, held_out_fit
 from impactscope.discrepancy.impact.fits.least_squares import Fit
@@ -49,6 +51,7 @@ def check_held_out(
             outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
     _drop_contradicted(outcome, thresholds)
     _weigh_rivals(outcome, thresholds)
+    _by_name(outcome)
 
 
 def _drop_contradicted(outcome: Outcome, thresholds: Thresholds) -> None:
@@ -113,6 +116,40 @@ def _weigh_rivals(outcome: Outcome, thresholds: Thresholds) -> None:
         return
     best, predicted = min(better, key=lambda pair: pair[0].criterion)
     outcome.put_in_place([candidate], best, [mine, *known])
+    outcome.final, outcome.held_out_final = best.fit, predicted
+    outcome.tests, outcome.modes = None, []
+
+
+def _by_name(outcome: Outcome) -> None:
+    """The likeliest name of a channel's last finding, all forms of it together.
+
+    Filters of four orders that explain as much are one answer: together they may be likelier
+    than a clock that is ahead of each of them.
+    """
+    if not outcome.accepted or outcome.held_out_final is None or not outcome.accepted[-1].channel:
+        return
+    candidate = outcome.accepted[-1]
+    rivals = outcome.rivals.get(candidate.label, [])
+    mine = outcome.found[candidate.label]
+    beside = {f.key for f in outcome.final.model.free} - {f.key for f in candidate.free}
+    forms: dict[tuple[str, str], list[Found]] = {}
+    for form in (mine, *rivals):
+        same = form.fit.layout.size == outcome.final.layout.size
+        if not form.refused and same and beside <= {f.key for f in form.fit.model.free}:
+            forms.setdefault((form.candidate.name, form.candidate.channel), []).append(form)
+    total = {
+        name: np.logaddexp.reduce([-0.5 * f.criterion for f in same])
+        for name, same in forms.items()
+    }
+    likeliest = max(total, key=lambda name: total[name], default=None)
+    if likeliest is None or likeliest == (candidate.name, candidate.channel):
+        return
+    best = min(forms[likeliest], key=lambda f: f.criterion)
+    predicted = held_out_fit(best.fit, outcome.final.model.data.held_out, outcome.window)
+    if predicted is None:
+        return
+    others = [f for f in (mine, *rivals) if f is not best]
+    outcome.put_in_place([candidate], best, others)
     outcome.final, outcome.held_out_final = best.fit, predicted
     outcome.tests, outcome.modes = None, []
 
