@@ -194,7 +194,8 @@ def test_forms_of_one_name_count_together(monkeypatch, orders, name):
     filters = [formed('low_pass_filter', f'order {n}', c) for n, c in enumerate(orders)]
     outcome = Outcome(clock.fit, clock.fit, [clock.candidate])
     outcome.found['clock'] = clock
-    outcome.rivals['clock'] = filters
+    elsewhere = found_of(candidate_of('gravity_load'), -99.0)  # told by other means
+    outcome.rivals['clock'] = [elsewhere, *filters]
     outcome.held_out_final = clock.fit
     monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: clock.fit)
     held_out._by_name(outcome)

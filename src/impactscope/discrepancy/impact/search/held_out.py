@@ -121,7 +121,7 @@ def _weigh_rivals(outcome: Outcome, thresholds: Thresholds) -> None:
 
 
 def _by_name(outcome: Outcome) -> None:
-    """The likeliest name of a channel's last finding, all forms of it together.
+    """The likeliest name of what acts on a channel, all forms of it together, if found last.
 
     Filters of four orders that explain as much are one answer: together they may be likelier
     than a clock that is ahead of each of them.
@@ -132,17 +132,18 @@ def _by_name(outcome: Outcome) -> None:
     rivals = outcome.rivals.get(candidate.label, [])
     mine = outcome.found[candidate.label]
     beside = {f.key for f in outcome.final.model.free} - {f.key for f in candidate.free}
-    forms: dict[tuple[str, str], list[Found]] = {}
+    forms: dict[str, list[Found]] = {}
     for form in (mine, *rivals):
         same = form.fit.layout.size == outcome.final.layout.size
+        same &= form.candidate.channel == candidate.channel
         if not form.refused and same and beside <= {f.key for f in form.fit.model.free}:
-            forms.setdefault((form.candidate.name, form.candidate.channel), []).append(form)
+            forms.setdefault(form.candidate.name, []).append(form)
     total = {
         name: np.logaddexp.reduce([-0.5 * f.criterion for f in same])
         for name, same in forms.items()
     }
-    likeliest = max(total, key=lambda name: total[name], default=None)
-    if likeliest is None or likeliest == (candidate.name, candidate.channel):
+    likeliest = max(total, key=lambda name: total[name], default=candidate.name)
+    if likeliest == candidate.name:
         return
     best = min(forms[likeliest], key=lambda f: f.criterion)
     predicted = held_out_fit(best.fit, outcome.final.model.data.held_out, outcome.window)
