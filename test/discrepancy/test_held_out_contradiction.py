@@ -176,25 +176,36 @@ def test_what_one_set_of_numbers_meets_is_not_missing(make_campaign):
     assert not _met_together(baseline, dataclasses.replace(held, model=model), 1.2)
 
 
-def formed(name, label, criterion):
-    candidate = SimpleNamespace(label=label, name=name, free=(), channel='force')
-    return found_of(candidate, criterion)
+def formed(name, label, chi_square):
+    candidate = SimpleNamespace(
+        label=label,
+        name=name,
+        free=(),
+        channel='force',
+        price=lambda gain, samples: 9.0,  # noqa: ARG005
+        doubt_at=lambda values: 0.0,  # noqa: ARG005
+    )
+    form = found_of(candidate, -40.0)
+    form.fit.chi_square, form.fit.values = chi_square, {}
+    return form
 
 
 @pytest.mark.parametrize(
     ('orders', 'name'),
     [
-        ([-87.0, -86.9, -84.0], 'low_pass_filter'),  # together likelier than a clock
-        ([-87.0], 'clock_error'),
-        ([-80.0, -80.0, -80.0], 'clock_error'),
+        ([101.0, 101.1, 104.0], 'low_pass_filter'),  # together likelier than a clock
+        ([101.0], 'clock_error'),
+        ([108.0, 108.0, 108.0], 'clock_error'),
     ],
 )
 def test_forms_of_one_name_count_together(monkeypatch, orders, name):
-    clock = formed('clock_error', 'clock', -88.0)
+    clock = formed('clock_error', 'clock', 100.0)
     filters = [formed('low_pass_filter', f'order {n}', c) for n, c in enumerate(orders)]
     outcome = Outcome(clock.fit, clock.fit, [clock.candidate])
     outcome.found['clock'] = clock
     elsewhere = found_of(candidate_of('gravity_load'), -99.0)  # told by other means
+    # what it was weighed to be in another fit says nothing
+    filters = [dataclasses.replace(f, criterion=-200.0) for f in filters]
     outcome.rivals['clock'] = [elsewhere, *filters]
     outcome.held_out_final = clock.fit
     monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: clock.fit)

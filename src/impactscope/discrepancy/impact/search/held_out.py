@@ -130,22 +130,26 @@ def _by_name(outcome: Outcome) -> None:
         return
     candidate = outcome.accepted[-1]
     rivals = outcome.rivals.get(candidate.label, [])
-    mine = outcome.found[candidate.label]
+    mine = dataclasses.replace(outcome.found[candidate.label], fit=outcome.final)
+    size, spread = outcome.final.layout.size, max(1.0, outcome.final.reduced)
     beside = {f.key for f in outcome.final.model.free} - {f.key for f in candidate.free}
+
+    def cost(form: Found) -> float:  # anew: rivals were weighed in other fits
+        priced = form.candidate.price(mine.gain, size) + form.candidate.doubt_at(form.fit.values)
+        return form.fit.chi_square / spread + priced
+
     forms: dict[str, list[Found]] = {}
     for form in (mine, *rivals):
-        same = form.fit.layout.size == outcome.final.layout.size
-        same &= form.candidate.channel == candidate.channel
+        same = form.fit.layout.size == size and form.candidate.channel == candidate.channel
         if not form.refused and same and beside <= {f.key for f in form.fit.model.free}:
             forms.setdefault(form.candidate.name, []).append(form)
     total = {
-        name: np.logaddexp.reduce([-0.5 * f.criterion for f in same])
-        for name, same in forms.items()
+        name: np.logaddexp.reduce([-0.5 * cost(f) for f in same]) for name, same in forms.items()
     }
     likeliest = max(total, key=lambda name: total[name], default=candidate.name)
     if likeliest == candidate.name:
         return
-    best = min(forms[likeliest], key=lambda f: f.criterion)
+    best = min(forms[likeliest], key=cost)
     predicted = held_out_fit(best.fit, outcome.final.model.data.held_out, outcome.window)
     if predicted is None:
         return
