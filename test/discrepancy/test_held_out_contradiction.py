@@ -182,8 +182,8 @@ def formed(name, label, chi_square):
         name=name,
         free=(),
         channel='force',
-        price=lambda gain, samples: 9.0,  # noqa: ARG005
-        doubt_at=lambda values: 0.0,  # noqa: ARG005
+        price=lambda gain, samples: 9.0,
+        doubt_at=lambda values: 0.0,
     )
     form = found_of(candidate, -40.0)
     form.fit.chi_square, form.fit.values = chi_square, {}
