@@ -416,12 +416,11 @@ def _about_release(before: Array) -> list[Array]:
     if spread <= _LARGER * noise_std(before):
         return parts
     gaps = [_RELEASE * 2**n for n in range(1, 12) if _RELEASE * 2**n < before.size // 4]
-    tried = [(gap, _without_swing(before, jump, gap)) for gap in gaps]
-    spreads = [_pooled(p) for _, p in tried]
-    least = min([spread, *spreads])
+    tried = [_without_swing(before, jump, gap) for gap in gaps]
+    least = min([spread, *map(_pooled, tried)])
     if spread <= _OF_RELEASE * least:
         return parts
-    return next(p for (_, p), s in zip(tried, spreads, strict=True) if s <= _SHRUNK * least)
+    return next(p for p in tried if _pooled(p) <= _SHRUNK * least)
 
 
 def _without_swing(before: Array, jump: int, gap: int) -> list[Array]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from impactscope.discrepancy.impact.data.binning import BinnedChannel
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
 from impactscope.discrepancy.parallel import in_parallel
@@ -69,23 +70,24 @@ def _rung_masses(model: ImpactModel, taps: Sequence[int]) -> tuple[float, ...]:
     Of either channel: what is largest in one may be its slow noise.
     """
     stiffness = model.values(model.start())['sensor.stiffness']
-    found = set()
-    for i in taps:
-        blow = model.data.blows[i]
-        for name in ('force', 'acceleration.plate'):
-            channel = blow.channels.get(name)
-            if channel is None:
-                continue
-            rings = np.nan_to_num(channel.samples[channel.time > blow.settled])
-            if rings.size < 64:
-                continue
-            size = 8 * rings.size
-            power = np.abs(np.fft.rfft((rings - np.mean(rings)) * np.hanning(rings.size), size))
-            frequency = np.fft.rfftfreq(size, 1.0 / channel.sample_rate)
-            top = float(frequency[int(np.argmax(power))])
-            if top > 0.0:
-                found.add(round(stiffness / (2 * math.pi * top) ** 2, 4))
-    return tuple(sorted(found))
+    blows = [model.data.blows[i] for i in taps]
+    tops = [
+        _rings_at(blow.channels[name], blow.settled)
+        for blow in blows
+        for name in ('force', 'acceleration.plate')
+        if name in blow.channels
+    ]
+    return tuple(sorted({round(stiffness / (2 * math.pi * top) ** 2, 4) for top in tops if top}))
+
+
+def _rings_at(channel: BinnedChannel, since: float) -> float:
+    """Frequency, Hz, at which a channel is strongest from a moment on; 0 where it is too short."""
+    rings = np.nan_to_num(channel.samples[channel.time > since])
+    if rings.size < 64:
+        return 0.0
+    size = 8 * rings.size
+    power = np.abs(np.fft.rfft((rings - np.mean(rings)) * np.hanning(rings.size), size))
+    return float(np.fft.rfftfreq(size, 1.0 / channel.sample_rate)[int(np.argmax(power))])
 
 
 def met(model: ImpactModel, starts: Sequence[Array]) -> tuple[list[Array], list[int]]:

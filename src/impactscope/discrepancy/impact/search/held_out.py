@@ -93,12 +93,9 @@ def _weigh_rivals(outcome: Outcome, thresholds: Thresholds) -> None:
     told = missed > thresholds.unexplained_ratio * max(1.0, outcome.final.reduced)
     candidate = outcome.accepted[-1]
     mine, rivals = outcome.found[candidate.label], outcome.rivals.get(candidate.label, [])
-    own = {f.key for f in candidate.free}
-    beside = {f.key for f in outcome.final.model.free} - own
     weighed: dict[int, tuple[Found, Fit]] = {}
     for i, rival in sorted(enumerate(rivals), key=lambda pair: pair[1].criterion):
-        same = rival.fit.layout.size == outcome.final.layout.size
-        if rival.refused or not same or not beside <= {f.key for f in rival.fit.model.free}:
+        if not _in_its_place(outcome, rival):
             continue
         near = rival.criterion < mine.criterion + _OPEN and len(weighed) < _RIVALS
         if not near or not time_left('rivals by what they predict'):
@@ -115,7 +112,19 @@ def _weigh_rivals(outcome: Outcome, thresholds: Thresholds) -> None:
     if not better:
         return
     best, predicted = min(better, key=lambda pair: pair[0].criterion)
-    outcome.put_in_place([candidate], best, [mine, *known])
+    _put_last(outcome, best, predicted, [mine, *known])
+
+
+def _in_its_place(outcome: Outcome, rival: Found) -> bool:
+    """Whether a rival was fitted in the last finding's place: to as much, beside the same."""
+    beside = {f.key for f in outcome.final.model.free}
+    beside -= {f.key for f in outcome.accepted[-1].free}
+    same = rival.fit.layout.size == outcome.final.layout.size
+    return not rival.refused and same and beside <= {f.key for f in rival.fit.model.free}
+
+
+def _put_last(outcome: Outcome, best: Found, predicted: Fit, others: list[Found]) -> None:
+    outcome.put_in_place([outcome.accepted[-1]], best, others)
     outcome.final, outcome.held_out_final = best.fit, predicted
     outcome.tests, outcome.modes = None, []
 
@@ -132,7 +141,6 @@ def _by_name(outcome: Outcome) -> None:
     rivals = outcome.rivals.get(candidate.label, [])
     mine = dataclasses.replace(outcome.found[candidate.label], fit=outcome.final)
     size, spread = outcome.final.layout.size, max(1.0, outcome.final.reduced)
-    beside = {f.key for f in outcome.final.model.free} - {f.key for f in candidate.free}
 
     def cost(form: Found) -> float:  # anew: rivals were weighed in other fits
         priced = form.candidate.price(mine.gain, size) + form.candidate.doubt_at(form.fit.values)
@@ -140,8 +148,7 @@ def _by_name(outcome: Outcome) -> None:
 
     forms: dict[str, list[Found]] = {}
     for form in (mine, *rivals):
-        same = form.fit.layout.size == size and form.candidate.channel == candidate.channel
-        if not form.refused and same and beside <= {f.key for f in form.fit.model.free}:
+        if form.candidate.channel == candidate.channel and _in_its_place(outcome, form):
             forms.setdefault(form.candidate.name, []).append(form)
     total = {
         name: np.logaddexp.reduce([-0.5 * cost(f) for f in same]) for name, same in forms.items()
@@ -153,10 +160,7 @@ def _by_name(outcome: Outcome) -> None:
     predicted = held_out_fit(best.fit, outcome.final.model.data.held_out, outcome.window)
     if predicted is None:
         return
-    others = [f for f in (mine, *rivals) if f is not best]
-    outcome.put_in_place([candidate], best, others)
-    outcome.final, outcome.held_out_final = best.fit, predicted
-    outcome.tests, outcome.modes = None, []
+    _put_last(outcome, best, predicted, [f for f in (mine, *rivals) if f is not best])
 
 
 def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
