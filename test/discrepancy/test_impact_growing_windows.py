@@ -18,15 +18,18 @@ from impactscope.discrepancy.impact.fits.growing_windows import (
     _by_taps,
     begun,
     fit_baseline,
-    further_misfit,
     held_out_fit,
-    prediction_misfit,
     with_repeatability,
 )
 from impactscope.discrepancy.impact.fits.least_squares import at_point, fit
 from impactscope.discrepancy.impact.fits.start_values import cold_starts, place
 from impactscope.discrepancy.impact.models.baseline import baseline_model, with_metal_that_lets_go
+from impactscope.discrepancy.impact.search import prediction_misfit as prediction
 from impactscope.discrepancy.impact.search.outcome import settled_without
+from impactscope.discrepancy.impact.search.prediction_misfit import (
+    further_misfit,
+    prediction_misfit,
+)
 from impactscope.discrepancy.time_limit import time_limited
 from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import BareContact
@@ -35,7 +38,7 @@ BARE = ('linear_sensor', 'hertz_contact', 'unilateral_contact', 'gravity_load')
 GLUED = ('linear_sensor', 'zener_damper', 'gravity_load')
 
 
-def test_a_baseline_follows_to_the_end_and_predicts(make_campaign):
+def test_a_baseline_follows_to_the_end_and_predicts(make_campaign, monkeypatch):
     campaign = make_campaign(41)
     model = baseline_model(campaign, prepare(campaign))
     found = fit_baseline(model)
@@ -52,6 +55,15 @@ def test_a_baseline_follows_to_the_end_and_predicts(make_campaign):
     wrong = dataclasses.replace(found, x=x)
     predicted = held_out_fit(wrong, found.model.data.held_out)
     assert further_misfit((found, held_out), (wrong, predicted)) > 30.0
+    # one sample, as on the verge of a contact, decides neither way; many do
+    odd, many = np.zeros((2, held_out.layout.size))
+    odd[7], many[:] = 16.0, 0.5
+    for missed, least, most in ((odd, 0.0, 0.1), (many, 0.2 * many.size, 0.25 * many.size)):
+        given = {id(found): np.zeros_like(missed), id(wrong): missed}
+        monkeypatch.setattr(prediction, '_unforeseen', lambda fit, *_, g=given: g[id(fit)])
+        rise = further_misfit((found, held_out), (wrong, held_out))
+        assert least <= rise <= most
+        assert further_misfit((wrong, held_out), (found, held_out)) == pytest.approx(-rise)
 
 
 @pytest.mark.parametrize(('stiffness', 'restitution'), [(1.5e7, 0.9), (1e8, 0.85), (3e9, 0.3)])

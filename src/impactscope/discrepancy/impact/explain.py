@@ -36,7 +36,6 @@ from impactscope.discrepancy.impact.fits.growing_windows import (
     fit_baseline,
     further,
     held_out_fit,
-    prediction_misfit,
 )
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
 from impactscope.discrepancy.impact.fits.slow_noise import likelier, noise_left
@@ -52,6 +51,7 @@ from impactscope.discrepancy.impact.search.baseline_conventions import (
 )
 from impactscope.discrepancy.impact.search.forward_backward import Search
 from impactscope.discrepancy.impact.search.outcome import Outcome, with_findings
+from impactscope.discrepancy.impact.search.prediction_misfit import prediction_misfit
 from impactscope.discrepancy.locate import locate
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left

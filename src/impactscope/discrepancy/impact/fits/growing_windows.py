@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from impactscope.discrepancy.impact.fits.least_squares import Fit, fit, jacobian, projector
+from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
 from impactscope.discrepancy.impact.fits.start_values import SHORT, cold_starts, met, placed
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
 from impactscope.discrepancy.parallel import in_parallel
@@ -30,9 +30,7 @@ __all__ = [
     'followed',
     'follows_all',
     'further',
-    'further_misfit',
     'held_out_fit',
-    'prediction_misfit',
     'with_repeatability',
 ]
 
@@ -257,54 +255,6 @@ def _released(model: ImpactModel, share: float) -> Array:
             mean, std = number.prior
             x[j] = number.to_inner(mean + share * std)
     return x
-
-
-def further_misfit(before: tuple[Fit, Fit], after: tuple[Fit, Fit]) -> float:
-    """Rise of chi-square from one prediction to another, over the bins that both have.
-
-    Each is a fit and its prediction of recordings that were held out. What the fit does not know
-    of its numbers for certain is no fault of its prediction, however later contacts amplify it:
-    chi-square is that of the marginal distribution.
-    """
-    old, new = before[1], after[1]
-    rows: tuple[list[Array], list[Array]] = ([], [])
-    for (i, name), span in new.layout.spans.items():
-        masks = [f.layout.masks[i, name] for f in (old, new)]
-        both = masks[0] & masks[1]
-        spread = [f.model.data.blows[i].channels[name].std[both] for f in (old, new)]
-        spans = old.layout.spans[i, name], span
-        for k, part in enumerate(rows):
-            # each by the larger uncertainty: where one cannot tell, neither counts
-            weight = np.zeros(spans[k].stop - spans[k].start)
-            weight[both[masks[k]]] = spread[k] / np.maximum(*spread)
-            part.append(weight)
-    return _surprise(*after, np.concatenate(rows[1])) - _surprise(*before, np.concatenate(rows[0]))
-
-
-def prediction_misfit(found: Fit, predicted: Fit) -> float:
-    """Reduced chi-square of a prediction, allowing for what the fit knows not of its numbers."""
-    size = predicted.layout.size
-    surprise = _surprise(found, predicted, np.ones(size))
-    return surprise / max(size - predicted.x.size, 1)
-
-
-def _surprise(found: Fit, predicted: Fit, weight: Array) -> float:
-    """Chi-square of a prediction, what is unknown of the shared numbers taken into account."""
-    layout = predicted.layout
-    model = dataclasses.replace(found.model, data=predicted.model.data)
-    values = {**found.values, **predicted.values}
-    x = np.array([f.to_inner(values[f.key]) for f in model.free])
-    shared = [j for j, f in enumerate(model.free) if f.blow is None]
-    residuals = model.residuals(x, layout)
-    slopes = jacobian(model, x, layout, residuals, only=shared)[: layout.size, shared]
-    own = projector(weight[:, None] * predicted.jacobian[: layout.size])
-    left = weight * residuals[: layout.size]
-    left = left - own @ (own.T @ left)
-    reach = weight[:, None] * (slopes @ found.covariance_root(shared))
-    reach = reach - own @ (own.T @ reach)
-    along = reach.T @ left
-    inner = np.eye(along.size) + reach.T @ reach
-    return float(left @ left - along @ np.linalg.solve(inner, along))
 
 
 def with_repeatability(

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from impactscope.discrepancy.evidence import Thresholds, least_gain
-from impactscope.discrepancy.impact.fits.growing_windows import further_misfit, held_out_fit
+from impactscope.discrepancy.impact.fits.growing_windows import held_out_fit
 from impactscope.discrepancy.impact.fits.least_squares import Fit
 from impactscope.discrepancy.impact.search.outcome import (
     Found,
@@ -16,6 +16,7 @@ from impactscope.discrepancy.impact.search.outcome import (
     chance_of,
     with_findings,
 )
+from impactscope.discrepancy.impact.search.prediction_misfit import further_misfit
 from impactscope.discrepancy.impact.search.pruning import drop_idle
 from impactscope.discrepancy.time_limit import time_left
 
@@ -166,7 +167,9 @@ def _by_name(outcome: Outcome) -> None:
 def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
     """Accept what the fitted recordings only suggest where the held-out ones bear it out.
 
-    Nothing is fitted to these, so their chi-square counts in full beside that of the fit.
+    Nothing is fitted to these, so their chi-square counts beside that of the fit; but by no more
+    than what this gains, for a late contact amplifies whatever moves it. With both it has to be
+    likelier than nothing.
     """
     held_out = outcome.final.model.data.held_out
     while len(outcome.accepted) < most and outcome.held_out_final is not None:
@@ -188,20 +191,22 @@ def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
             if predicted is None:
                 continue
             worse = further_misfit((outcome.final, outcome.held_out_final), (item.fit, predicted))
-            gain = item.gain - worse / max(1.0, predicted.reduced)
+            more = min(-worse / max(1.0, predicted.reduced), item.gain)
+            gain, criterion = item.gain + more, item.criterion - more
             chance = chance_of(item.candidate, item.fit, gain, outcome.looks)
-            if worse < -1.0 and chance < thresholds.false_finding:
-                able.append((item.criterion - gain + item.gain, gain, item, predicted))
+            if worse < -1.0 and criterion < 0.0 and chance < thresholds.false_finding:
+                borne_out = dataclasses.replace(
+                    item, gain=gain, p_value=chance, criterion=criterion
+                )
+                able.append((borne_out, predicted))
         if not able:
             return
-        criterion, gain, best, predicted = min(able, key=lambda entry: entry[0])
-        chance = chance_of(best.candidate, best.fit, gain, outcome.looks)
-        best = dataclasses.replace(best, gain=gain, p_value=chance, criterion=criterion)
+        best, predicted = min(able, key=lambda pair: pair[0].criterion)
         outcome.accepted.append(best.candidate)
         outcome.found[best.candidate.label] = best
         outcome.rivals[best.candidate.label] = [
             f for f in outcome.last if f.candidate is not best.candidate
         ]
-        outcome.p_value = min(outcome.p_value, chance)
+        outcome.p_value = min(outcome.p_value, best.p_value)
         outcome.final, outcome.held_out_final = best.fit, predicted
         outcome.tests, outcome.last = None, []
