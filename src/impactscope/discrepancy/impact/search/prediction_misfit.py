@@ -49,7 +49,7 @@ def further_misfit(before: tuple[Fit, Fit], after: tuple[Fit, Fit]) -> float:
         weight = np.concatenate(part)
         squares.append(_unforeseen(*pair, weight)[weight > 0.0] ** 2)
     _, moment = np.unique(np.concatenate(moments), return_inverse=True)
-    rise = np.bincount(moment, squares[1] - squares[0])
+    rise = np.bincount(moment, squares[1] - squares[0]).astype(np.float64)
     return _of_many(rise) - _of_many(-rise) - float(np.sum(rise))
 
 
@@ -86,4 +86,4 @@ def _unforeseen(found: Fit, predicted: Fit, weight: Array) -> Array:
     reach = weight[:, None] * (slopes @ found.covariance_root(shared))
     reach = reach - own @ (own.T @ reach)
     along, spread, _ = np.linalg.svd(reach, full_matrices=False)
-    return left - along @ ((1.0 - 1.0 / np.hypot(1.0, spread)) * (along.T @ left))
+    return np.asarray(left - along @ ((1.0 - 1.0 / np.hypot(1.0, spread)) * (along.T @ left)))
