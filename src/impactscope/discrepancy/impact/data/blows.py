@@ -46,6 +46,8 @@ _OF_NOISE = 5.0
 _LATER = 0.02  # s, by which a force may show a contact later than the impactor
 _LEAST_BEFORE = 16  # samples of the impactor before that
 _TOLD = 4  # notes in an error
+_MANY_BINS = 80_000  # of a campaign, from which those that are
+_COARSER = 0.35  # s after the onset and later are made longer
 _LET_GO = ('pendulum', 'drop')  # kinds of blows
 _RELEASED = 1.25  # times the earth's acceleration, which a release shows
 _RELEASE = 2  # samples at least on either side of the moment in which an impactor is let go
@@ -171,10 +173,18 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
             f'The noise of {only_before} is not white before the blows: residuals are '
             'judged by what each sample tells beyond those before it.'
         )
-    blows = []
-    for recording, onset in sorted(onsets, key=lambda item: item[0].role is Role.HOLD_OUT):
-        swinging = recording.kind == 'pendulum' and campaign.orientation is Orientation.HORIZONTAL
-        blows.append(_blow(recording, onset, noise, colours, swinging, notes))
+    blows: list[BlowData] = []
+    for coarser in (math.inf, _COARSER):
+        told: list[str] = []
+        blows = []
+        for recording, onset in sorted(onsets, key=lambda item: item[0].role is Role.HOLD_OUT):
+            swings = (
+                recording.kind == 'pendulum' and campaign.orientation is Orientation.HORIZONTAL
+            )
+            blows.append(_blow(recording, onset, noise, colours, swings, told, coarser))
+        if sum(c.centres.size for b in blows for c in b.channels.values()) <= _MANY_BINS:
+            break
+    notes += told
     seen = {name for blow in blows for name in blow.channels}
     struck = any(blow.recording.kind != 'tap' for blow in blows)
     for name, lost in _WITHOUT.items():
@@ -452,6 +462,7 @@ def _blow(
     colours: Mapping[str, Colour],
     swinging: bool,
     notes: list[str],
+    coarser: float,
 ) -> BlowData:
     channels = {}
     alone = swinging and _stays_away(recording.channels, onset, noise)
@@ -469,7 +480,7 @@ def _blow(
             noise[name],
             colours.get(name),
             coarse=coarse,
-            ringing=RETURN if alone else math.inf,
+            ringing=min(coarser, RETURN if alone else math.inf),
         )
         if math.isfinite(channels[name].clipped_at):
             notes.append(

@@ -56,6 +56,7 @@ _SOLUTIONS = 8  # kept for each blow
 _MOMENTS, _WHITENERS = 60, 300  # kept
 _FILTERED = 256  # samples at least, that a filter is given
 _AHEAD = 4e-3  # s, from which a filter that runs backwards takes what it gives
+_QUICKEST = 5e-5  # s, in which a branch of a layer relaxes
 _BEYOND = 0.01  # s beyond the last bin of a layout, up to which is simulated
 _TELLS = 3.0  # of its noise, uncertainty of a bin up to which it is fitted
 _WHOLE = ('low_pass_filter', 'ac_coupling')  # effects that need every sample
@@ -480,7 +481,14 @@ class ImpactModel:
     def parameters(self, values: Mapping[str, float], i: int) -> Array:
         """Parameter vector of the compiled bench for blow ``i``."""
         bench, blow = describe(values, self.data.blows[i], i)
-        return assemble(bench, blow, self._bench_effects(values, i, bench, blow))
+        par = assemble(bench, blow, self._bench_effects(values, i, bench, blow))
+        for place in range(at.BRANCH, at.BRANCH + 2 * int(par[at.BRANCHES]), 2):
+            stiffness, damping = par[place : place + 2]
+            # quicker than any sample it is but damping, and costs a hundred times the steps
+            relaxes = damping / max(stiffness, 1e-30)
+            relaxes = math.sqrt(math.hypot(relaxes**2, _QUICKEST**2))
+            par[place] = damping / relaxes
+        return par
 
     def _bench_effects(
         self, values: Mapping[str, float], i: int, bench: Bench, blow: Blow

@@ -12,8 +12,9 @@ import numpy as np
 from impactscope.discrepancy.evidence import borne_by_many, family_p_value, information
 from impactscope.discrepancy.impact.adequacy.residual_tests import LONE, TOLD, Adequacy
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
-from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
+from impactscope.discrepancy.impact.fits.least_squares import Fit, fits_from
 from impactscope.discrepancy.impact.models.bench_model import Free, Layout
+from impactscope.physics.twin.simulate import SimulationError
 
 __all__ = [
     'QUIET',
@@ -166,10 +167,12 @@ def with_findings(outcome: Outcome, chosen: Sequence[Candidate], layout: Layout)
         model = candidate.extend(model)
     fits = []
     for values in (outcome.final.values, outcome.baseline.values):
-        x = model.vector(values)
-        fits.append(fit(model, layout, x, settled=0.1, near=outcome.final))
-        if fits[-1].reduced < QUIET:
+        start = [model.vector(values)]
+        fits += fits_from(model, layout, start, settled=0.1, iterations=25, near=[outcome.final])
+        if fits and fits[-1].reduced < QUIET:
             break
+    if not fits:
+        raise SimulationError('without some of the findings the recordings cannot be simulated')
     best = min(fits, key=lambda f: f.chi_square)
     labels = {c.label for c in chosen}
     gone = [c for c in outcome.accepted if c.label not in labels]
@@ -230,5 +233,7 @@ def settled_without(joint: Fit, gone: Sequence[Candidate], without: Fit) -> Fit:
     expected = float(foreseen @ foreseen) - joint.chi_square
     if gain < _UNBORNE * max(expected, 1.0):
         return without
-    again = fit(model, without.layout, joint.x[kept] + answer / scale, settled=0.1)
-    return again if again.chi_square < without.chi_square else without
+    again = fits_from(
+        model, without.layout, [joint.x[kept] + answer / scale], settled=0.1, iterations=25
+    )
+    return min((without, *again), key=lambda f: f.chi_square)
