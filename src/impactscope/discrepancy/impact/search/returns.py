@@ -6,7 +6,6 @@ that meet the return least badly.
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Sequence
 
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
-from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, fit
+from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, fits_from
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel, Layout
 from impactscope.discrepancy.impact.search.screening import Screening
 from impactscope.discrepancy.parallel import in_parallel
@@ -33,6 +32,7 @@ _SWEPT = (-3.0, -2.0, -1.3, -0.7, 0.7, 1.3, 2.0, 3.0)  # standard deviations
 _SCANNED = tuple(float(x) for x in np.linspace(-3.0, 3.0, 121))  # likewise, without fits
 _ENDED = tuple(float(x) for x in np.geomspace(1.0, 0.01, 61))  # of a ramp, where it may end
 _FROM_SCAN = 4  # places of these two from which fits set out
+_HEAT, _GO_ON, _LAST = 6, 4, 12  # iterations of each fit; of those that are best, and how many
 
 
 def from_return(place: Fit, listed: Sequence[Candidate]) -> list[tuple[Candidate, Fit]]:
@@ -133,8 +133,7 @@ def _best(
     model: ImpactModel, layout: Layout, begins: Sequence[Array], settled: float
 ) -> Fit | None:
     """The best fit from any of some places; None where none can be simulated."""
-    fits: list[Fit] = []
-    for begin in begins:
-        with contextlib.suppress(ImpactscopeError):
-            fits.append(fit(model, layout, begin, iterations=12, settled=settled))
+    fits = fits_from(model, layout, begins, settled=settled, iterations=_HEAT)
+    ahead = sorted(fits, key=lambda f: f.chi_square)[:_GO_ON]
+    fits += fits_from(model, layout, [f.x for f in ahead], settled=settled, iterations=_LAST)
     return min(fits, key=lambda f: f.chi_square, default=None)
