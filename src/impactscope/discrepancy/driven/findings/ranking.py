@@ -133,18 +133,25 @@ def _weighted(s: Subject, *, no_richer: bool = False) -> tuple[list[Fit], list[f
     fits = [best, *rivals]
     for made in fits:
         s.judge.weights(made)
-    if s.case is not None:
-        fits = _one_form_each(s, fits)
-    return fits, probabilities([s.judge.criterion(f, s.outcome.baseline) for f in fits])
+    if s.case is None:
+        return fits, probabilities([s.judge.criterion(f, s.outcome.baseline) for f in fits])
+    found = _one_form_each(s, fits)
+    return list(found), probabilities(list(found.values()))
 
 
-def _one_form_each(s: Subject, fits: Sequence[Fit]) -> list[Fit]:
-    """Of every set of effects the best form alone; the chosen fit first."""
-    ordered = sorted(fits[1:], key=lambda f: s.judge.criterion(f, s.outcome.baseline))
-    found = {frozenset(t.name for t in fits[0].terms): fits[0]}
-    for made in ordered:
-        found.setdefault(frozenset(t.name for t in made.terms), made)
-    return list(found.values())
+def _one_form_each(s: Subject, fits: Sequence[Fit]) -> dict[Fit, float]:
+    """Of every set of effects the likeliest form alone, with its criterion; the chosen fit first.
+
+    The chosen fit stands for its effects, and is as likely as their likeliest form: it may have
+    a number more (the rate of a clock) to tell how far that may go.
+    """
+    names = {made: frozenset(t.name for t in made.terms) for made in fits}
+    judged = {made: s.judge.criterion(made, s.outcome.baseline) for made in fits}
+    likeliest = {names[made]: made for made in sorted(fits, key=lambda f: -judged[f])}
+    least = {name: judged[made] for name, made in likeliest.items()}
+    likeliest.pop(names[fits[0]])
+    rest = sorted(likeliest.values(), key=lambda f: judged[f])
+    return {made: least[names[made]] for made in (fits[0], *rest)}
 
 
 def _confused(
