@@ -218,17 +218,21 @@ def _missed(found: Fit) -> Array | None:
         alone.free = own
         part = alone.layout((i,), SHORT[-1])
         place_of_time = alone.index(f'time@{i}')
-        start = np.array([f.to_inner(values[f.key]) for f in own])
-        costs = []
+        fitted = np.array([f.to_inner(values[f.key]) for f in own])
+        # a blow that is lost may have drawn its release along
+        stated = np.array([f.to_inner(f.prior[0] if f.prior else values[f.key]) for f in own])
         reach = max(_FINE_REACH, _sample(model, i))
-        for shift in np.arange(-reach, reach + 0.5 * _FINE, _FINE).tolist():
-            trial = start.copy()
-            trial[place_of_time] += shift
-            with contextlib.suppress(ImpactscopeError):
-                residual = alone.residuals(trial, part)
-                costs.append((float(residual @ residual), trial))
-        tops = [c for c, a, b in zip(costs[1:-1], costs, costs[2:], strict=False)
-                if c[0] < min(a[0], b[0])]  # fmt: skip
+        tops = []
+        for start in (fitted, stated):
+            costs = []
+            for shift in np.arange(-reach, reach + 0.5 * _FINE, _FINE).tolist():
+                trial = start.copy()
+                trial[place_of_time] += shift
+                with contextlib.suppress(ImpactscopeError):
+                    residual = alone.residuals(trial, part)
+                    costs.append((float(residual @ residual), trial))
+            tops += [c for c, a, b in zip(costs[1:-1], costs, costs[2:], strict=False)
+                     if c[0] < min(a[0], b[0])]  # fmt: skip
         for _, trial in sorted(tops, key=lambda c: c[0])[:_TOPS]:
             with contextlib.suppress(ImpactscopeError):
                 better = fit(alone, part, trial, iterations=10, settled=1.0)
