@@ -7,7 +7,12 @@ from types import SimpleNamespace
 import pytest
 
 from impactscope.discrepancy.answer import ParameterEstimate
-from impactscope.discrepancy.driven.findings.ranking import _among_forms, _no_surer, _other_delay
+from impactscope.discrepancy.driven.findings.ranking import (
+    _among_forms,
+    _no_surer,
+    _one_form_each,
+    _other_delay,
+)
 from impactscope.discrepancy.driven.models.channel_effects import channel_terms
 from impactscope.discrepancy.driven.search.joint_fits import _looked_at
 from impactscope.discrepancy.driven.search.noise_limited_search import _form_of_delay, _whole_clock
@@ -171,3 +176,16 @@ def test_a_clock_that_may_be_late_or_slow_is_told_by_both(behind, both):
     judge = SimpleNamespace(criterion=lambda f, _: f.criterion, better=lambda _, __: True)
     told = _whole_clock(fits, best, judge)
     assert told.terms == ((whole,) if both else (late,))
+
+
+def test_a_chosen_name_is_as_likely_as_its_likeliest_form():
+    rated, plain = (
+        Made((Term('clock_error', form),), c) for form, c in (('rate', 20.0), ('', 13.4))
+    )
+    first, second = (
+        Made((Term('low_pass_filter', form),), c) for form, c in (('1', 14.0), ('2', 13.5))
+    )
+    judge = SimpleNamespace(criterion=lambda made, _: made.chi_square)
+    subject = SimpleNamespace(judge=judge, outcome=SimpleNamespace(baseline=None))
+    judged = _one_form_each(subject, [rated, plain, first, second])
+    assert list(judged.items()) == [(rated, 13.4), (second, 13.5)]

@@ -22,7 +22,7 @@ from impactscope.discrepancy.impact.fits.growing_windows import (
     with_repeatability,
 )
 from impactscope.discrepancy.impact.fits.least_squares import at_point, fit
-from impactscope.discrepancy.impact.fits.start_values import cold_starts, place
+from impactscope.discrepancy.impact.fits.start_values import SHORT, _missed, cold_starts, place
 from impactscope.discrepancy.impact.models.baseline import baseline_model, with_metal_that_lets_go
 from impactscope.discrepancy.impact.search import prediction_misfit as prediction
 from impactscope.discrepancy.impact.search.outcome import settled_without
@@ -188,3 +188,21 @@ def test_the_last_contact_that_only_one_fit_meets_decides(monkeypatch, to_the_en
     other = SimpleNamespace(layout=SimpleNamespace(size=8147), reduced=0.9427)
     monkeypatch.setattr(growing_windows, 'follows_all', lambda f: to_the_end and f is other)
     assert growing_windows.further(found, other) is (other if to_the_end else found)
+
+
+def test_a_blow_that_is_lost_is_placed_from_its_stated_release(make_campaign):
+    contact = BareContact(1e8, restitution=0.85)
+    campaign = make_campaign(43, bare=contact, baseline=BARE, rate=5000.0)
+    model = baseline_model(campaign, prepare(campaign))
+    found = fit_baseline(model)
+    model = found.model
+    blow = next(i for i in model.data.fitted if model.data.blows[i].recording.kind == 'pendulum')
+    layout = model.layout(model.data.fitted, SHORT[-1])
+    time, angle = model.index(f'time@{blow}'), model.index(f'angle@{blow}')
+    lost = found.x.copy()
+    lost[time] += 5e-4
+    lost[angle] = model.free[angle].to_inner(0.1 * found.values[f'angle@{blow}'])
+    moved = _missed(at_point(model, layout, lost))
+    assert moved is not None
+    assert moved[time] == pytest.approx(found.x[time], abs=2e-5)
+    assert moved[angle] == pytest.approx(found.x[angle], rel=0.02)
