@@ -156,7 +156,10 @@ def _places(candidate: Candidate, joint: Fit) -> int:
 
 
 def with_findings(outcome: Outcome, chosen: Sequence[Candidate], layout: Layout) -> Fit:
-    """The baseline with some of the findings, fitted over a window."""
+    """The baseline with some of the findings, fitted over a window.
+
+    Raises SimulationError where that cannot be simulated from any start.
+    """
     known = outcome.final.model.constants
     model = outcome.baseline.model
     # the taps may be known better by now; what a finding has set is not the baseline's
