@@ -32,6 +32,7 @@ __all__ = [
     'fits_from',
     'jacobian',
     'projector',
+    'raced',
     'settled',
     'stepping',
     'weighted_median',
@@ -396,6 +397,28 @@ def fits_from(
 
     pairs = list(zip(starts, near or [None] * len(starts), strict=True))
     return [f for f in in_parallel(fitted, pairs) if f is not None]
+
+
+def raced(
+    model: ImpactModel,
+    layout: Layout,
+    starts: Sequence[Array],
+    *,
+    most: int,
+    iterations: tuple[int, int],
+    settled: tuple[float, float],
+) -> list[Fit]:
+    """Fits from several starts, of which the ``most`` that are best go to their end.
+
+    ``iterations``, ``settled``: of every fit, and of those that go on; see :func:`fit`.
+    """
+    rough = fits_from(model, layout, starts, settled=settled[0], iterations=iterations[0])
+    ahead = sorted(rough, key=lambda f: f.chi_square)[:most]
+    begins = [f.x for f in ahead]
+    return [
+        *ahead,
+        *fits_from(model, layout, begins, settled=settled[1], iterations=iterations[1]),
+    ]
 
 
 def _within(

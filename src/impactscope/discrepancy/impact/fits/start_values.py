@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from impactscope.discrepancy.impact.data.binning import BinnedChannel
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
-from impactscope.discrepancy.impact.models.bench_model import ImpactModel
+from impactscope.discrepancy.impact.models.bench_model import ImpactModel, Layout
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.errors import ImpactscopeError
 
@@ -222,17 +222,9 @@ def _missed(found: Fit) -> Array | None:
         # a blow that is lost may have drawn its release along
         stated = np.array([f.to_inner(f.prior[0] if f.prior else values[f.key]) for f in own])
         reach = max(_FINE_REACH, _sample(model, i))
-        tops = []
-        for start in (fitted, stated):
-            costs = []
-            for shift in np.arange(-reach, reach + 0.5 * _FINE, _FINE).tolist():
-                trial = start.copy()
-                trial[place_of_time] += shift
-                with contextlib.suppress(ImpactscopeError):
-                    residual = alone.residuals(trial, part)
-                    costs.append((float(residual @ residual), trial))
-            tops += [c for c, a, b in zip(costs[1:-1], costs, costs[2:], strict=False)
-                     if c[0] < min(a[0], b[0])]  # fmt: skip
+        tops = [
+            top for x in (fitted, stated) for top in _troughs(alone, part, x, place_of_time, reach)
+        ]
         for _, trial in sorted(tops, key=lambda c: c[0])[:_TOPS]:
             with contextlib.suppress(ImpactscopeError):
                 better = fit(alone, part, trial, iterations=10, settled=1.0)
@@ -242,6 +234,21 @@ def _missed(found: Fit) -> Array | None:
                     for number, inner in zip(own, better.x, strict=True):
                         moved[model.index(number.key)] = inner
     return moved
+
+
+def _troughs(
+    model: ImpactModel, layout: Layout, x: Array, place_of_time: int, reach: float
+) -> list[tuple[float, Array]]:
+    """Moments about a start from which chi-square rises to either side, with chi-square there."""
+    costs = []
+    for shift in np.arange(-reach, reach + 0.5 * _FINE, _FINE).tolist():
+        trial = x.copy()
+        trial[place_of_time] += shift
+        with contextlib.suppress(ImpactscopeError):
+            residual = model.residuals(trial, layout)
+            costs.append((float(residual @ residual), trial))
+    threes = zip(costs, costs[1:], costs[2:], strict=False)
+    return [c for before, c, after in threes if c[0] < min(before[0], after[0])]
 
 
 def place(model: ImpactModel, x: Array, chosen: Sequence[int], window: float = 0.012) -> Array:

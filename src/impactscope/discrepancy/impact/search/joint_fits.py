@@ -24,7 +24,7 @@ from impactscope.discrepancy.impact.fits.least_squares import (
     Fit,
     at_point,
     fit,
-    fits_from,
+    raced,
     settled,
 )
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
@@ -264,7 +264,15 @@ class JointFits:
                 for frequency in _FREQUENCIES
                 for x in _begins(candidate, model, {**current.values, key: frequency}, current)
             ]
-            best = min((item.fit, *_raced(model, current, begins)), key=lambda f: f.chi_square)
+            fits = raced(
+                model,
+                current.layout,
+                begins,
+                most=_AHEAD,
+                iterations=(_HEAT, _LAST),
+                settled=(_ROUGHLY, 0.1),
+            )
+            best = min((item.fit, *fits), key=lambda f: f.chi_square)
             better.append(weigh(candidate, best, current, looks))
         return better
 
@@ -291,15 +299,6 @@ class JointFits:
                 continue
             found.append(weigh(candidate, joint, current, looks))
         return found
-
-
-def _raced(model: ImpactModel, current: Fit, begins: Sequence[Array]) -> list[Fit]:
-    """Fits from several starts, of which the best few go to their end."""
-    layout = current.layout
-    rough = fits_from(model, layout, begins, settled=_ROUGHLY, iterations=_HEAT)
-    ahead = sorted(rough, key=lambda f: f.chi_square)[:_AHEAD]
-    ends = fits_from(model, layout, [f.x for f in ahead], settled=0.1, iterations=_LAST)
-    return [*ahead, *ends]
 
 
 def _begins(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
-from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, fits_from
+from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, raced
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel, Layout
 from impactscope.discrepancy.impact.search.screening import Screening
 from impactscope.discrepancy.parallel import in_parallel
@@ -133,7 +133,7 @@ def _best(
     model: ImpactModel, layout: Layout, begins: Sequence[Array], settled: float
 ) -> Fit | None:
     """The best fit from any of some places; None where none can be simulated."""
-    fits = fits_from(model, layout, begins, settled=settled, iterations=_HEAT)
-    ahead = sorted(fits, key=lambda f: f.chi_square)[:_GO_ON]
-    fits += fits_from(model, layout, [f.x for f in ahead], settled=settled, iterations=_LAST)
+    fits = raced(
+        model, layout, begins, most=_GO_ON, iterations=(_HEAT, _LAST), settled=(settled, settled)
+    )
     return min(fits, key=lambda f: f.chi_square, default=None)
