@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from impactscope.discrepancy.campaign import ChannelSamples
+from impactscope.discrepancy.campaign import CampaignRecording, ChannelSamples
 from impactscope.discrepancy.impact.data.binning import binned
-from impactscope.discrepancy.impact.data.blows import RETURN, _stays_away
+from impactscope.discrepancy.impact.data.blows import RETURN, _left_to_return, _stays_away
 
 RATE, ONSET, LENGTH = 2000.0, 0.2, 1.6
 NOISE = {'acceleration.impactor': 0.1, 'force': 0.2}
@@ -56,6 +56,34 @@ def test_without_its_own_accelerometer_nobody_knows():
     made = channels()
     del made['acceleration.impactor']
     assert not _stays_away(made, ONSET, NOISE)
+
+
+def bench_alone(**changes):
+    made = channels(**changes)
+    del made['acceleration.impactor']
+    return made
+
+
+@pytest.mark.parametrize(
+    ('made', 'returned'),
+    [
+        (bench_alone(), False),
+        (bench_alone(force=pulse(0.9, 8.0)), True),
+        (bench_alone(force=pulse(0.3, 8.0)), False),  # so early nobody can have caught it
+        (bench_alone(force=np.where(SINCE > 1.0, np.nan, 0.0)), False),
+        (channels(force=pulse(0.9, 8.0)), False),  # whose own accelerometer tells of a hand
+    ],
+)
+def test_where_one_pendulum_comes_back_none_was_caught(made, returned):
+    recordings = [
+        (CampaignRecording(f'{i}.mcap', 'pendulum', channels=shown), ONSET)
+        for i, shown in enumerate(
+            (made if 'acceleration.impactor' in made else bench_alone(), made)
+        )
+    ]
+    assert _left_to_return(recordings, NOISE) is returned
+    tap = [(CampaignRecording('tap.mcap', 'tap', channels=made), ONSET)]
+    assert not _left_to_return(tap, NOISE)
 
 
 def test_a_bench_that_only_rings_is_read_in_longer_bins():

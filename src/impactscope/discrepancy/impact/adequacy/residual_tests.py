@@ -74,6 +74,7 @@ _ROUNDED = 0.5  # of the noise: steps of a converter from which a quiet channel 
 _LEAST_QUIET = 64  # samples
 _GROUP_PRICE = 2.0  # of chi-square, of each number of a law without a form of its own
 _STRANGE = 0.1  # of what is missing is none of the known mechanisms
+_SHOWN = 0.1  # of what findings explain, that the tested window must show for laws to be compared
 _APART = 0.01  # of what an effect explains, that its form may differ by
 _LEAST_RANK = 1e-3  # of a further number's influence that the model's numbers leave of it
 
@@ -259,7 +260,10 @@ def law_instead(before: Fit, after: Fit, price: float) -> tuple[float, str]:
         fits.append(fit(found.model, layout, found.x, iterations=8))
     old, new = fits
     size = old.layout.size
-    if size != new.layout.size:
+    beyond = before.layout.size == after.layout.size and (
+        old.chi_square - new.chi_square < _SHOWN * (before.chi_square - after.chi_square)
+    )
+    if size != new.layout.size or beyond:  # beyond: laws do not reach what tells the findings
         return math.inf, ''
     spread = max(1.0, new.reduced)
     basis = projector(old.jacobian)

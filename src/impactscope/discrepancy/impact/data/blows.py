@@ -173,15 +173,18 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
             f'The noise of {only_before} is not white before the blows: residuals are '
             'judged by what each sample tells beyond those before it.'
         )
+    catchable = (
+        ['pendulum']
+        if campaign.orientation is Orientation.HORIZONTAL and not _left_to_return(onsets, noise)
+        else []
+    )
     blows: list[BlowData] = []
     for coarser in (math.inf, _COARSER):
         told: list[str] = []
         blows = []
         for recording, onset in sorted(onsets, key=lambda item: item[0].role is Role.HOLD_OUT):
-            swings = (
-                recording.kind == 'pendulum' and campaign.orientation is Orientation.HORIZONTAL
-            )
-            blows.append(_blow(recording, onset, noise, colours, swings, told, coarser))
+            doubtful = recording.kind in catchable
+            blows.append(_blow(recording, onset, noise, colours, doubtful, told, coarser))
         if sum(c.centres.size for b in blows for c in b.channels.values()) <= _MANY_BINS:
             break
     notes += told
@@ -460,18 +463,19 @@ def _blow(
     onset: float,
     noise: Mapping[str, float],
     colours: Mapping[str, Colour],
-    swinging: bool,
+    doubtful: bool,
     notes: list[str],
     coarser: float,
 ) -> BlowData:
+    """A blow as it is compared; where ``doubtful`` a hand may have caught its pendulum."""
     channels = {}
-    alone = swinging and _stays_away(recording.channels, onset, noise)
+    alone = doubtful and _stays_away(recording.channels, onset, noise)
     for name in CHANNELS:
         channel = recording.channels.get(name)
         if channel is None or name not in noise:
             continue
         last = LENGTH
-        if swinging and not alone:  # nobody knows whether it comes back
+        if doubtful and not alone:  # nobody knows whether it would come back
             last = CAUGHT if name == 'acceleration.impactor' else RETURN
         coarse = name in ('force', 'acceleration.base')
         channels[name] = binned(
@@ -522,6 +526,25 @@ def _stays_away(
         _rises_again(channel, onset, noise[name])
         for name, channel in channels.items()
         if name in noise and name != 'acceleration.impactor'
+    )
+
+
+def _left_to_return(
+    onsets: Sequence[tuple[CampaignRecording, float]], noise: Mapping[str, float]
+) -> bool:
+    """Whether the bench shows a pendulum to have come back: where one does none was caught.
+
+    A hand that lets it go again would be told by its own accelerometer; with that nothing is
+    presumed.
+    """
+    return not any('acceleration.impactor' in r.channels for r, _ in onsets) and any(
+        recording.kind == 'pendulum'
+        and name in noise
+        and np.isfinite(channel.values[channel.time > onset]).all()
+        and float(channel.time[-1]) > onset + RETURN
+        and _rises_again(channel, onset, noise[name])
+        for recording, onset in onsets
+        for name, channel in recording.channels.items()
     )
 
 

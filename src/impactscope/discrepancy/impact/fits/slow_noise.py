@@ -39,6 +39,9 @@ _STRUCK = 0.03  # s after the onset, from which a channel counts that has no qui
 _WITHIN = 0.02  # s, to either side
 _FEWEST = 60  # bins
 _GAIN = 16.0  # twice the logarithm of the likelihood, from which noise is slower than was known
+_GAIN_BESIDE = (
+    5.0  # likewise where another channel's noise is not white: this one's may well be so
+)
 _DENIED = (
     3.0  # logarithm of the likelihood, by which the quiet before the blows may speak against it
 )
@@ -69,11 +72,14 @@ class _Stretch:
 def noise_left(found: Fit) -> dict[str, Colour]:
     """Channels whose noise is slower than was taken into account, with what it is like."""
     slower = {}
+    blows = found.model.data.blows
+    coloured = {n for b in blows for n, c in b.channels.items() if c.colour is not None}
     for name in found.model.data.channels:
         stretches, known, rate = _at_rest(found, name)
         if sum(s.left.size for s, _ in stretches) < _FEWEST or known is None:
             continue
-        best = _slower([s for s, _ in stretches], known, rate)
+        gain = _GAIN_BESIDE if coloured - {name} else _GAIN
+        best = _slower([s for s, _ in stretches], known, rate, gain)
         if best is None:
             continue
         quiet = [q for _, q in stretches if q is not None]
@@ -203,8 +209,13 @@ def _likelihood(stretches: list[_Stretch], colour: Colour) -> float:
     return total
 
 
-def _slower(stretches: list[_Stretch], known: Colour, rate: float) -> Colour | None:
-    """The likeliest noise with slow parts beside what is known; None where that does."""
+def _slower(
+    stretches: list[_Stretch], known: Colour, rate: float, gain: float = _GAIN
+) -> Colour | None:
+    """The likeliest noise with slow parts beside what is known; None where that does.
+
+    ``gain``: twice the logarithm of the likelihood that each further part must bring.
+    """
     longest = max(float(s.centres[-1] - s.centres[0]) for s in stretches)
     reached, found = _likelihood(stretches, known), known
     if known.variances.size:
@@ -217,12 +228,12 @@ def _slower(stretches: list[_Stretch], known: Colour, rate: float) -> Colour | N
         ]
         tried = [(_likelihood(stretches, c), c) for c in single]
         reached, found = max([(reached, known), *tried], key=lambda t: t[0])
-    least = _likelihood(stretches, known) + 0.5 * _GAIN
+    least = _likelihood(stretches, known) + 0.5 * gain
     for _ in range(_ADDED):
         added = functools.partial(_levelled, stretches, found, known.std**2, rate)
         tried = in_parallel(added, list(_shapes(longest * rate)))
         best = max([(reached, found), *tried], key=lambda t: t[0])
-        if 2.0 * (best[0] - reached) < _GAIN:
+        if 2.0 * (best[0] - reached) < gain:
             break
         reached, found = best
     return None if found is known or reached < least else found

@@ -243,7 +243,7 @@ class Search:
         """The baseline over the final window; what it can do as well without is no finding."""
         final = outcome.final
         outcome.baseline = with_findings(outcome, [], final.layout)
-        if not outcome.accepted:
+        if not outcome.accepted or _misses_more(outcome.baseline, final):
             return
         gain = evidence_for(final, outcome.baseline)
         cost = sum(c.cost for c in outcome.accepted)
@@ -658,6 +658,18 @@ def _mean(outcome: Outcome, found: Fit) -> None:
     """Take the names of the baseline as a fit does."""
     meant = with_conventions_of(outcome.baseline.model, found.model)
     outcome.baseline = dataclasses.replace(outcome.baseline, model=meant)
+
+
+def _misses_more(baseline: Fit, final: Fit) -> bool:
+    """Whether a baseline is lost where a fit with findings says that no bench repeats anything.
+
+    A contact at the end of a long way is no more repeatable than that way, so little of it counts
+    in a fit that has it. A baseline without it has no such excuse.
+    """
+    model = with_repeatability(baseline.model, baseline.x, baseline.layout.blows)
+    own = at_point(model, model.layout(baseline.layout.blows, final.layout.window), baseline.x)
+    more = own.layout.size > final.layout.size
+    return more and own.reduced > LOST * max(baseline.reduced, final.reduced)
 
 
 def _renewed(current: Fit, outcome: Outcome) -> Fit:

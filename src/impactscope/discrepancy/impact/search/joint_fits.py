@@ -29,7 +29,7 @@ from impactscope.discrepancy.impact.fits.least_squares import (
 )
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
 from impactscope.discrepancy.impact.search.outcome import QUIET, Found, settled_without, weigh
-from impactscope.discrepancy.impact.search.returns import from_return
+from impactscope.discrepancy.impact.search.returns import from_return, only_a_return_is_missed
 from impactscope.discrepancy.impact.search.screening import Remembered, Screening, Trial
 from impactscope.discrepancy.impact.search.strong_effects import (
     in_place_of,
@@ -98,6 +98,9 @@ class JointFits:
         found = self._with_suspected(current, found, suspected, len(listed))
         if current.reduced > LOST and not most:
             found = self._strong(current, place, found, listed)
+        elif not most and only_a_return_is_missed(current):
+            fits = _with_kin(from_return(current, listed), current, listed)
+            found = _best_of(found, [weigh(c, f, current, len(listed)) for c, f in fits])
         found, without = self._settle(current, found, len(listed))
         return found, len(listed), without
 
@@ -142,19 +145,8 @@ class JointFits:
                 fits += race(current, self.baseline_names, self.window)
         if not fits:
             return found
-        fits.sort(key=lambda item: item[1].chi_square)
-        candidate, leader = fits[0]
-        for other in related(candidate, listed):
-            instead = in_place_of(leader, current.model, other)
-            if instead is not None:
-                fits.append((other, instead))
-        best: dict[str, Found] = {}
-        for candidate, joint in fits:
-            item = weigh(candidate, joint, current, looks)
-            known = best.get(candidate.label)
-            if known is None or item.criterion < known.criterion:
-                best[candidate.label] = item
-        return sorted(best.values(), key=lambda f: f.criterion)
+        fits = _with_kin(fits, current, listed)
+        return _best_of((), [weigh(c, f, current, looks) for c, f in fits])
 
     def _settle(self, current: Fit, found: list[Found], looks: int) -> tuple[list[Found], Fit]:
         """Weigh again where a candidate only showed the way to a better fit without it."""
@@ -333,3 +325,24 @@ def _everywhere(joint: Fit, current: Fit) -> bool:
     # one standard deviation of the gain is twice its root; a channel that is not compared before
     # the blows (the impactor while it falls) cannot speak against
     return float(np.sum(gain[before])) >= 0.5 * wanted - 2.0 * math.sqrt(max(wanted, 0.0))
+
+
+def _with_kin(
+    fits: list[tuple[Candidate, Fit]], current: Fit, listed: Sequence[Candidate]
+) -> list[tuple[Candidate, Fit]]:
+    """Fits, and those of the family of the best of them from the numbers that it has found."""
+    if not fits:
+        return fits
+    candidate, leader = min(fits, key=lambda item: item[1].chi_square)
+    tried = [(c, in_place_of(leader, current.model, c)) for c in related(candidate, listed)]
+    return [*fits, *((c, f) for c, f in tried if f is not None)]
+
+
+def _best_of(found: Sequence[Found], others: Sequence[Found]) -> list[Found]:
+    """The best fit of each candidate; the best candidate first."""
+    best: dict[str, Found] = {}
+    for item in (*found, *others):
+        known = best.get(item.candidate.label)
+        if known is None or item.criterion < known.criterion:
+            best[item.candidate.label] = item
+    return sorted(best.values(), key=lambda f: f.criterion)

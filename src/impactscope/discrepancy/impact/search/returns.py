@@ -1,26 +1,30 @@
 """What pulls an impactor, by when it comes back: met within a contact's time or not at all.
 
-No slope leads from one moment to another. So amounts are scanned, and fits set out from the places
-that meet the return least badly.
+No slope of the misfit leads from one moment to another. So amounts are scanned, and fits set out
+from the places that meet the return least badly. A scan misses a short contact: the moment of that
+is aimed at.
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, raced
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel, Layout
+from impactscope.discrepancy.impact.search.outcome import QUIET
 from impactscope.discrepancy.impact.search.screening import Screening
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.mechanism import Subsystem
 
-__all__ = ['from_return', 'swept']
+__all__ = ['from_return', 'only_a_return_is_missed', 'swept']
 
 Array = NDArray[np.float64]
 
@@ -28,11 +32,34 @@ _PULLS = ('external_push', 'restoring_force', 'gravity_load')  # tell when an im
 _SHARES = np.geomspace(0.01, 100.0, 41).tolist()
 _AMOUNTS = (*(-x for x in reversed(_SHARES)), *_SHARES)  # of a pull, over the one it starts from
 _FROM_AMOUNTS = 2  # places of these from which fits set out
+_AIMS = 3  # returns that are aimed at
+_STRIDE = 4  # steps of these amounts between those tried, and ...
+_HALVED = 14  # times a step is halved
+_AWAY = 6.0  # times its noise
+_BEGAN = (0.01, 0.02)  # s after the onset, of a push
+_RUN, _MISSED = 5, 20.0  # bins, and their mean square that noise does not leave
+_LATER = 0.1  # s after the onset, from which a return is looked for
 _SWEPT = (-3.0, -2.0, -1.3, -0.7, 0.7, 1.3, 2.0, 3.0)  # standard deviations
 _SCANNED = tuple(float(x) for x in np.linspace(-3.0, 3.0, 121))  # likewise, without fits
 _ENDED = tuple(float(x) for x in np.geomspace(1.0, 0.01, 61))  # of a ramp, where it may end
 _FROM_SCAN = 4  # places of these two from which fits set out
-_HEAT, _GO_ON, _LAST = 6, 4, 12  # iterations of each fit; of those that are best, and how many
+_HEAT, _GO_ON, _LAST = 6, 4, 30  # iterations of each fit; of those that are best, and how many
+
+
+def only_a_return_is_missed(found: Fit) -> bool:
+    """Whether a fit leaves noise alone but for a few bins, long after a blow."""
+    early = 0.0
+    size, missed = 0, False
+    for (i, name), span in found.layout.spans.items():
+        blow = found.model.data.blows[i]
+        mask = found.layout.masks[i, name]
+        late = blow.channels[name].centres[mask] > blow.onset + _LATER
+        left = found.residuals[span] ** 2
+        early += float(np.sum(left[~late]))
+        size += int(np.count_nonzero(~late))
+        if name != 'acceleration.impactor' and np.count_nonzero(late) >= _RUN:
+            missed |= bool(np.max(ndimage.uniform_filter1d(left[late], _RUN)) > _MISSED)
+    return missed and early < QUIET * size
 
 
 def from_return(place: Fit, listed: Sequence[Candidate]) -> list[tuple[Candidate, Fit]]:
@@ -55,13 +82,15 @@ def from_return(place: Fit, listed: Sequence[Candidate]) -> list[tuple[Candidate
         model = candidate.extend(place.model)
         number = next(f for f in model.free if f.key == key)
         begins: list[Array] = []
-        for start in candidate.starts:
+        for start in _starts(candidate):
             size = abs(start.get(key, number.start) - absent)
             amounts = [absent + size * share for share in _AMOUNTS]
             amounts = [a for a in amounts if number.lower <= a <= number.upper]
-            scan = [screening.vector(model, {**start, key: a}) for a in amounts]
-            begins += _least(model, place.layout, scan, _FROM_AMOUNTS)
-        best = _best(model, place.layout, begins, 0.5)
+
+            at = functools.partial(_with_amount, screening, model, start, key)
+            begins += _least(model, place.layout, [at(a) for a in amounts], _FROM_AMOUNTS)
+            begins += _aimed(place, model, amounts, at)
+        best = _best(model, place.layout, begins, 0.05)
         if best is not None:
             found.append((candidate, best))
     return sorted(found, key=lambda item: item[1].chi_square)
@@ -117,16 +146,90 @@ def _moved(found: Fit, by: Array) -> Array:
 
 def _least(model: ImpactModel, layout: Layout, scan: Sequence[Array], most: int) -> list[Array]:
     """Places of a scan from which the misfit rises to either side; the least first."""
-
-    def misfit(x: Array) -> float:
-        try:
-            return at_point(model, layout, x).chi_square
-        except ImpactscopeError:
-            return math.inf
-
-    left = np.asarray(in_parallel(misfit, scan))
+    left = np.asarray(in_parallel(lambda x: _misfit(model, layout, x), scan))
     inner = np.flatnonzero((left[1:-1] <= left[:-2]) & (left[1:-1] < left[2:])) + 1
     return [scan[i] for i in inner[np.argsort(left[inner])][:most]]
+
+
+def _with_amount(
+    screening: Screening, model: ImpactModel, start: Mapping[str, float], key: str, amount: float
+) -> Array:
+    return screening.vector(model, {**start, key: amount})
+
+
+def _starts(candidate: Candidate) -> list[dict[str, float]]:
+    """Starts of a candidate; of a push with its beginning within the contact as well."""
+    began = f'{candidate.label}.start'
+    found = [dict(start) for start in candidate.starts]
+    if any(began in start for start in found):
+        early = [s for s in found if s.get(began) == 0.0]
+        found += [{**s, began: moment} for s in early for moment in _BEGAN]
+    return found
+
+
+def _aimed(
+    place: Fit, model: ImpactModel, amounts: Sequence[float], at: Callable[[float], Array]
+) -> list[Array]:
+    """Places at which a blow's impactor comes back when it did, by halving of the amount.
+
+    When a blow departs from what is simulated without a pull, measured or simulated with it, is
+    when the impactor is back: the sooner the stronger the pull.
+    """
+    found = []
+    for i, moment in _returns(place):
+        without = place.model.predict(place.values, i).means
+
+        def back(amount: float, i: int = i, without: Mapping[str, Array] = without) -> float:
+            try:
+                pulled = model.predict(model.values(at(amount)), i).means
+            except ImpactscopeError:
+                return -math.inf
+            return _departs(place, i, {n: pulled[n] - without[n] for n in pulled})
+
+        for side in ([a for a in amounts if a > 0.0], [a for a in reversed(amounts) if a < 0.0]):
+            tried = side[::_STRIDE]
+            late = [back(a) > moment for a in tried]
+            if all(late) or not any(late) or not late[0]:
+                continue
+            weak, strong = tried[late.index(False) - 1], tried[late.index(False)]
+            for _ in range(_HALVED):
+                middle = math.copysign(math.sqrt(weak * strong), strong)
+                weak, strong = (middle, strong) if back(middle) > moment else (weak, middle)
+            found.append(at(strong))
+    return found
+
+
+def _returns(place: Fit) -> list[tuple[int, float]]:
+    """Blows of which a return is missed, and when it is first seen, s; the longest ways first."""
+    found = []
+    for i in place.layout.blows:
+        predicted = place.model.predict(place.values, i).means
+        channels = place.model.data.blows[i].channels
+        moment = _departs(place, i, {n: c.means - predicted[n] for n, c in channels.items()})
+        if math.isfinite(moment):
+            found.append((i, moment))
+    onsets = [b.onset for b in place.model.data.blows]
+    return sorted(found, key=lambda f: f[1] - onsets[f[0]], reverse=True)[:_AIMS]
+
+
+def _departs(place: Fit, i: int, apart: Mapping[str, Array]) -> float:
+    """Moment long after a blow from which the bench is away from a simulation, s; or infinity."""
+    blow = place.model.data.blows[i]
+    moments = [math.inf]
+    for name, channel in blow.channels.items():
+        if name != 'acceleration.impactor' and (i, name) in place.layout.masks:
+            mask = place.layout.masks[i, name] & (channel.centres > blow.onset + _LATER)
+            away = np.flatnonzero(np.abs(apart[name][mask]) > _AWAY * channel.own_std[mask])
+            if away.size:
+                moments.append(float(channel.centres[mask][away[0]]))
+    return min(moments)
+
+
+def _misfit(model: ImpactModel, layout: Layout, x: Array) -> float:
+    try:
+        return at_point(model, layout, x).chi_square
+    except ImpactscopeError:
+        return math.inf
 
 
 def _best(
