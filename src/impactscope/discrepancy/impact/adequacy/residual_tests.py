@@ -548,10 +548,12 @@ def rounding_error(step: float, noise: float) -> float:
 def _quiet_above(blow: BlowData, name: str, low: float) -> tuple[float, float]:
     """Power and number of terms above a frequency in a channel's whitened quiet before a blow.
 
-    None of a noise that is white, and of a channel that moves before the blow, too.
+    None of a noise that is white, of a channel that moves before the blow, too, and of a coarse
+    converter: that rounds what moves otherwise than what is quiet.
     """
     channel = blow.channels[name]
-    if channel.colour is None or name == 'acceleration.impactor':
+    coarse = channel.step > channel.noise
+    if channel.colour is None or coarse or name == 'acceleration.impactor':
         return 0.0, 0.0
     before = channel.time < blow.onset - _QUIET
     quiet, time = channel.samples[before], channel.time[before]

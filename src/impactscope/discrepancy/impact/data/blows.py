@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from scipy import integrate, ndimage
 
 from impactscope.discrepancy.campaign import Campaign, CampaignRecording, ChannelSamples, Role
-from impactscope.discrepancy.evidence import noise_std
+from impactscope.discrepancy.evidence import noise_std, quantisation_step
 from impactscope.discrepancy.impact.data.binning import BinnedChannel, binned, coarse_step, merged
 from impactscope.discrepancy.impact.noise.coloured_noise import SHORTEST, Colour, colour_of
+from impactscope.discrepancy.impact.noise.rounding import moving_noise
 from impactscope.errors import InputError
 from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation
 
@@ -167,7 +168,13 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
     only_before = ', '.join(name for name in colours if name not in slower)
     colours |= slower
     noise |= {name: colour.std for name, colour in colours.items()}
-    floor = noise | _seen(onsets, {n: c for n, c in colours.items() if n not in slower})
+    moving = _when_moving(onsets, noise, campaign.noise_std)
+    for name, std in moving.items():
+        if name in colours:
+            white = colours[name].white + std**2 - noise[name] ** 2
+            colours[name] = dataclasses.replace(colours[name], white=white)
+        noise[name] = std
+    floor = noise | _seen(onsets, {n: c for n, c in colours.items() if n not in slower}) | moving
     if only_before:
         notes.append(
             f'The noise of {only_before} is not white before the blows: residuals are '
@@ -359,6 +366,27 @@ def _noise(
             )
             result[name] = max(math.sqrt(squares / weight), 1e-6 * peak, 1e-12)
     return result
+
+
+def _when_moving(
+    onsets: Sequence[tuple[CampaignRecording, float]],
+    noise: Mapping[str, float],
+    stated: Mapping[str, float],
+) -> dict[str, float]:
+    """Noise while the bench moves, of channels whose coarse steps show less of it at rest."""
+    found = {}
+    for name in noise.keys() - stated.keys():
+        squares = []
+        for recording, onset in onsets:
+            channel = recording.channels.get(name)
+            step = 0.0 if channel is None else quantisation_step(channel.values)
+            if channel is not None and step > noise[name]:
+                quiet = channel.values[channel.time < onset - 2e-3]
+                squares.append(moving_noise(quiet[np.isfinite(quiet)], step) ** 2)
+        told = [square for square in squares if square > 0.0]
+        if told and math.sqrt(np.mean(told)) > noise[name]:
+            found[name] = math.sqrt(np.mean(told))
+    return found
 
 
 def _colours(
