@@ -32,6 +32,7 @@ _PULLS = ('external_push', 'restoring_force', 'gravity_load')  # tell when an im
 _SHARES = np.geomspace(0.01, 100.0, 41).tolist()
 _AMOUNTS = (*(-x for x in reversed(_SHARES)), *_SHARES)  # of a pull, over the one it starts from
 _FROM_AMOUNTS = 2  # places of these from which fits set out
+_FROM_SCANNED, _FROM_AIMED = 4, 6  # of all places that are met so, and that are aimed at
 _AIMS = 3  # returns that are aimed at
 _STRIDE = 4  # steps of these amounts between those tried, and ...
 _HALVED = 14  # times a step is halved
@@ -81,15 +82,21 @@ def from_return(place: Fit, listed: Sequence[Candidate]) -> list[tuple[Candidate
         ((key, absent),) = candidate.amplitudes.items()
         model = candidate.extend(place.model)
         number = next(f for f in model.free if f.key == key)
-        begins: list[Array] = []
+        scanned: list[Array] = []
+        aimed: list[Array] = []
         for start in _starts(candidate):
             size = abs(start.get(key, number.start) - absent)
             amounts = [absent + size * share for share in _AMOUNTS]
             amounts = [a for a in amounts if number.lower <= a <= number.upper]
-
             at = functools.partial(_with_amount, screening, model, start, key)
-            begins += _least(model, place.layout, [at(a) for a in amounts], _FROM_AMOUNTS)
-            begins += _aimed(place, model, amounts, at)
+            aimed += _aimed(place, model, amounts, at)
+            if start in candidate.starts:
+                places = [at(a) for a in amounts]
+                scanned += _least(model, place.layout, places, _FROM_AMOUNTS)
+        begins = [
+            *_nearest(model, place.layout, scanned, _FROM_SCANNED),
+            *_nearest(model, place.layout, aimed, _FROM_AIMED),
+        ]
         best = _best(model, place.layout, begins, 0.05)
         if best is not None:
             found.append((candidate, best))
@@ -230,6 +237,14 @@ def _misfit(model: ImpactModel, layout: Layout, x: Array) -> float:
         return at_point(model, layout, x).chi_square
     except ImpactscopeError:
         return math.inf
+
+
+def _nearest(model: ImpactModel, layout: Layout, begins: list[Array], most: int) -> list[Array]:
+    """The places from which least is left."""
+    if len(begins) <= most:
+        return begins
+    left = in_parallel(lambda x: _misfit(model, layout, x), begins)
+    return [begins[i] for i in np.argsort(left)[:most]]
 
 
 def _best(
