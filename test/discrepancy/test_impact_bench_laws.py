@@ -113,6 +113,9 @@ def test_a_finding_is_not_replaced_by_a_law_that_resembles_it(make_campaign):
     # but what explains little is
     odds, law = law_instead(before, dataclasses.replace(before), 1)
     assert odds < 1e-6
+    # where findings explain what lies beyond the laws' window these say nothing
+    lost_later = dataclasses.replace(before, chi_square=before.chi_square + 1e5)
+    assert law_instead(lost_later, before, 1)[0] == np.inf
     # several findings have been chosen several times
     gained = before.chi_square - after.chi_square
     assert law_instead(before, after, gained)[0] < law_instead(before, after, 1)[0]

@@ -17,7 +17,7 @@ from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.fits.least_squares import at_point, fit
 from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.discrepancy.impact.search import forward_backward
-from impactscope.discrepancy.impact.search.forward_backward import _rivals_followed
+from impactscope.discrepancy.impact.search.forward_backward import _misses_more, _rivals_followed
 from impactscope.discrepancy.impact.search.outcome import weigh
 from impactscope.discrepancy.impact.search.returns import from_return
 from impactscope.physics.pendulum import Orientation
@@ -124,6 +124,18 @@ def test_a_return_that_slopes_cannot_meet_is_met_by_the_amount_of_a_pull(make_ca
     assert found[0][1].reduced < 20.0
     assert {c.name for c, _ in found} == {'external_push', 'restoring_force'}
     assert [f.chi_square for _, f in found] == sorted(f.chi_square for _, f in found)
+
+
+def test_a_return_that_no_bench_repeats_speaks_against_a_fit_without_it(make_campaign):
+    push = Effect('external_push', {'force': PUSH, 'start': 0.0, 'rise': 0.02})
+    made = make_campaign(5, [push])
+    baseline = fit_baseline(baseline_model(made, prepare(made)))
+    before = baseline.model.layout(baseline.layout.blows, 0.1)
+    sound = fit(baseline.model, before, baseline.x)
+    assert not _misses_more(sound, sound)
+    # a fit of as few samples, but up to beyond the return: of that it says that none repeats
+    later = dataclasses.replace(sound, layout=dataclasses.replace(before, window=0.25))
+    assert _misses_more(sound, later)
 
 
 def test_what_did_as_well_before_a_return_is_followed_over_it(make_campaign, monkeypatch):
