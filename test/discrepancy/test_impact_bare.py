@@ -20,9 +20,10 @@ def outcome_with(doubted, *, free=True):
     )
 
 
-def bare(monkeypatch, outcome, gain, adequate):
+def bare(monkeypatch, outcome, gain, adequate, misses_more=False):
     """As after a last fit: the finding gains so much on a baseline that is noise or is not."""
     monkeypatch.setattr(module, 'with_findings', lambda *_: 'baseline')
+    monkeypatch.setattr(module, '_misses_more', lambda *_: misses_more)
     monkeypatch.setattr(module, 'evidence_for', lambda *_: gain)
     monkeypatch.setattr(module, 'adequacy', lambda _: SimpleNamespace(p_value=adequate))
     searched = object.__new__(module.Search)
@@ -52,3 +53,9 @@ def test_a_doubted_finding_stays(monkeypatch, gain, adequate, free):
 def test_a_finding_that_chance_explains_goes(monkeypatch):
     assert bare(monkeypatch, outcome_with(set()), gain=0.5, adequate=0.4).accepted == []
     assert len(bare(monkeypatch, outcome_with(set()), gain=1e4, adequate=0.4).accepted) == 1
+
+
+def test_a_finding_stays_without_which_more_is_missed_than_the_last_fit_counts(monkeypatch):
+    outcome = bare(monkeypatch, outcome_with(set()), gain=0.5, adequate=0.4, misses_more=True)
+    assert len(outcome.accepted) == 1
+    assert outcome.baseline == 'baseline'
