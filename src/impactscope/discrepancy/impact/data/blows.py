@@ -180,17 +180,14 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
             f'The noise of {only_before} is not white before the blows: residuals are '
             'judged by what each sample tells beyond those before it.'
         )
-    catchable = (
-        ['pendulum']
-        if campaign.orientation is Orientation.HORIZONTAL and not _left_to_return(onsets, noise)
-        else []
-    )
+    horizontal = campaign.orientation is Orientation.HORIZONTAL
+    caught = horizontal and not _left_to_return(onsets, noise)  # for all one knows
     blows: list[BlowData] = []
     for coarser in (math.inf, _COARSER):
         told: list[str] = []
         blows = []
         for recording, onset in sorted(onsets, key=lambda item: item[0].role is Role.HOLD_OUT):
-            doubtful = recording.kind in catchable
+            doubtful = caught and recording.kind == 'pendulum'
             blows.append(_blow(recording, onset, noise, colours, doubtful, told, coarser))
         if sum(c.centres.size for b in blows for c in b.channels.values()) <= _MANY_BINS:
             break

@@ -39,9 +39,7 @@ _STRUCK = 0.03  # s after the onset, from which a channel counts that has no qui
 _WITHIN = 0.02  # s, to either side
 _FEWEST = 60  # bins
 _GAIN = 16.0  # twice the logarithm of the likelihood, from which noise is slower than was known
-_GAIN_BESIDE = (
-    5.0  # likewise where another channel's noise is not white: this one's may well be so
-)
+_GAIN_BESIDE = 5.0  # likewise where the noise of another channel is not white
 _DENIED = (
     3.0  # logarithm of the likelihood, by which the quiet before the blows may speak against it
 )

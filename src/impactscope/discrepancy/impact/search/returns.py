@@ -8,8 +8,10 @@ is aimed at.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +49,15 @@ _FROM_SCAN = 4  # places of these two from which fits set out
 _HEAT, _GO_ON, _LAST = 6, 4, 30  # iterations of each fit; of those that are best, and how many
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Return:
+    """A return that a simulation without a pull misses."""
+
+    blow: int
+    moment: float  # at which it is first seen, s
+    without: Mapping[str, Array]  # means of the bins as they are simulated, by channel
+
+
 def only_a_return_is_missed(found: Fit) -> bool:
     """Whether a fit leaves noise alone but for a few bins, long after a blow."""
     early = 0.0
@@ -75,6 +86,7 @@ def from_return(place: Fit, listed: Sequence[Candidate]) -> list[tuple[Candidate
         listed: candidates.
     """
     screening = Screening(place)
+    returns = _returns(place)
     found: list[tuple[Candidate, Fit]] = []
     for candidate in listed:
         if candidate.name not in _PULLS or len(candidate.amplitudes) != 1 or candidate.parameter:
@@ -89,7 +101,7 @@ def from_return(place: Fit, listed: Sequence[Candidate]) -> list[tuple[Candidate
             amounts = [absent + size * share for share in _AMOUNTS]
             amounts = [a for a in amounts if number.lower <= a <= number.upper]
             at = functools.partial(_with_amount, screening, model, start, key)
-            aimed += _aimed(place, model, amounts, at)
+            aimed += _aimed(place, returns, model, amounts, at)
             if start in candidate.starts:
                 places = [at(a) for a in amounts]
                 scanned += _least(model, place.layout, places, _FROM_AMOUNTS)
@@ -175,48 +187,60 @@ def _starts(candidate: Candidate) -> list[dict[str, float]]:
 
 
 def _aimed(
-    place: Fit, model: ImpactModel, amounts: Sequence[float], at: Callable[[float], Array]
+    place: Fit,
+    returns: Sequence[_Return],
+    model: ImpactModel,
+    amounts: Sequence[float],
+    at: Callable[[float], Array],
 ) -> list[Array]:
-    """Places at which a blow's impactor comes back when it did, by halving of the amount.
+    """Places at which a blow's impactor comes back when it did.
 
     When a blow departs from what is simulated without a pull, measured or simulated with it, is
     when the impactor is back: the sooner the stronger the pull.
     """
-    found = []
-    for i, moment in _returns(place):
-        without = place.model.predict(place.values, i).means
 
-        def back(amount: float, i: int = i, without: Mapping[str, Array] = without) -> float:
-            try:
-                pulled = model.predict(model.values(at(amount)), i).means
-            except ImpactscopeError:
-                return -math.inf
-            return _departs(place, i, {n: pulled[n] - without[n] for n in pulled})
+    def too_late(missed: _Return, amount: float) -> bool:
+        try:
+            pulled = model.predict(model.values(at(amount)), missed.blow).means
+        except ImpactscopeError:
+            return False
+        apart = {name: means - missed.without[name] for name, means in pulled.items()}
+        return _departs(place, missed.blow, apart) > missed.moment
 
-        for side in ([a for a in amounts if a > 0.0], [a for a in reversed(amounts) if a < 0.0]):
-            tried = side[::_STRIDE]
-            late = [back(a) > moment for a in tried]
-            if all(late) or not any(late) or not late[0]:
-                continue
-            weak, strong = tried[late.index(False) - 1], tried[late.index(False)]
-            for _ in range(_HALVED):
-                middle = math.copysign(math.sqrt(weak * strong), strong)
-                weak, strong = (middle, strong) if back(middle) > moment else (weak, middle)
-            found.append(at(strong))
-    return found
+    pulls, pushes = [a for a in amounts if a > 0.0], [a for a in reversed(amounts) if a < 0.0]
+    met = [
+        _halved(functools.partial(too_late, missed), side[::_STRIDE])
+        for missed, side in itertools.product(returns, (pulls, pushes))
+    ]
+    return [at(amount) for amount in met if amount is not None]
 
 
-def _returns(place: Fit) -> list[tuple[int, float]]:
-    """Blows of which a return is missed, and when it is first seen, s; the longest ways first."""
+def _halved(too_late: Callable[[float], bool], tried: Sequence[float]) -> float | None:
+    """The weakest amount that is not too weak, by halving; None where it is not among these.
+
+    ``tried``: of one sign, the weakest first.
+    """
+    late = [too_late(amount) for amount in tried]
+    if all(late) or not late[0]:
+        return None
+    weak, strong = tried[late.index(False) - 1], tried[late.index(False)]
+    for _ in range(_HALVED):
+        middle = math.copysign(math.sqrt(weak * strong), strong)
+        weak, strong = (middle, strong) if too_late(middle) else (weak, middle)
+    return strong
+
+
+def _returns(place: Fit) -> list[_Return]:
+    """Returns that a fit misses; those of the longest ways first."""
     found = []
     for i in place.layout.blows:
-        predicted = place.model.predict(place.values, i).means
+        without = place.model.predict(place.values, i).means
         channels = place.model.data.blows[i].channels
-        moment = _departs(place, i, {n: c.means - predicted[n] for n, c in channels.items()})
+        moment = _departs(place, i, {n: c.means - without[n] for n, c in channels.items()})
         if math.isfinite(moment):
-            found.append((i, moment))
+            found.append(_Return(i, moment, without))
     onsets = [b.onset for b in place.model.data.blows]
-    return sorted(found, key=lambda f: f[1] - onsets[f[0]], reverse=True)[:_AIMS]
+    return sorted(found, key=lambda r: r.moment - onsets[r.blow], reverse=True)[:_AIMS]
 
 
 def _departs(place: Fit, i: int, apart: Mapping[str, Array]) -> float:
