@@ -247,7 +247,7 @@ def test_hostile_text_is_shown_as_text(capsys, tmp_path):
 
 def test_as_a_program():
     done = subprocess.run(
-        [sys.executable, '-m', 'impactscope.cli', 'info', HAMMER],
+        [sys.executable, '-m', 'impactscope', 'info', HAMMER],
         capture_output=True,
         text=True,
         check=False,
@@ -259,7 +259,7 @@ def test_as_a_program():
 def test_a_reader_that_goes_changes_neither_verdict_nor_files(campaigns, tmp_path):
     results, passing = tmp_path / 'results.json', campaigns / 'hand_pass.mcap'
     with subprocess.Popen(
-        [sys.executable, '-m', 'impactscope.cli', 'analyse', passing, '--json', results],
+        [sys.executable, '-m', 'impactscope', 'analyse', passing, '--json', results],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as running:

@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 def test_interrupted_it_flushes_and_judges_what_there_was(tmp_path):
     target, report = tmp_path / 'live.mcap', tmp_path / 'live.html'
-    command = [sys.executable, '-m', 'impactscope.cli', 'live', '--simulated', 'hand_pass']
+    command = [sys.executable, '-m', 'impactscope', 'live', '--simulated', 'hand_pass']
     command += ['--record-to', str(target), '--report', str(report)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ

@@ -41,6 +41,20 @@ def outcome_of(gained):
     )
 
 
+def formed(name, label, chi_square):
+    candidate = SimpleNamespace(
+        label=label,
+        name=name,
+        free=(),
+        channel='force',
+        price=lambda gain, samples: 9.0,
+        doubt_at=lambda values: 0.0,
+    )
+    form = found_of(candidate, -40.0)
+    form.fit.chi_square, form.fit.values = chi_square, {}
+    return form
+
+
 @pytest.mark.parametrize(
     ('gained', 'worse', 'stands'),
     [
@@ -93,6 +107,41 @@ def test_what_predicts_better_takes_the_place_of_what_explains_as_much(
         assert outcome.found[best.label].criterion == behind - 40.0 + worse
     elif behind < 10.0:
         assert math.isclose(others[0].criterion, behind - 40.0 + worse)
+
+
+@pytest.mark.parametrize(
+    ('unforeseen', 'left', 'together', 'takes_its_place'),
+    [
+        (3.0, 1.2, 60.0, True),  # contradicted: a rival far behind is heard
+        (3.0, 1.2, 101.0, False),  # with all recordings it is no likelier
+        (3.0, 2.5, 60.0, False),  # nor does it make good what is missed
+        (1.1, 2.5, 60.0, False),  # amplified only: one far behind is not looked at
+    ],
+)
+def test_where_recordings_are_missed_rivals_are_fitted_to_all(
+    monkeypatch, unforeseen, left, together, takes_its_place
+):
+    mine, rival = formed('wrong_parameter', 'rod', 100.0), formed('hysteresis', 'loop', 130.0)
+    rival = dataclasses.replace(rival, criterion=-10.0)
+    missed = SimpleNamespace(reduced=4.0, layout=SimpleNamespace(size=200))
+    outcome = Outcome(mine.fit, mine.fit, [mine.candidate])
+    outcome.found['rod'], outcome.rivals['rod'] = mine, [rival]
+    outcome.held_out_final = missed
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: missed)
+    monkeypatch.setattr(
+        held_out, 'prediction_misfit', lambda f, _: unforeseen if f is mine.fit else left
+    )
+    monkeypatch.setattr(
+        held_out,
+        'fit_together',
+        lambda f, *_: SimpleNamespace(
+            chi_square=together if f is rival.fit else 100.0, values=f.values
+        ),
+    )
+    held_out._weigh_rivals(outcome, Thresholds())
+    assert (outcome.accepted == [rival.candidate]) is takes_its_place
+    if takes_its_place:
+        assert outcome.found['loop'].criterion == -80.0  # 40 likelier than what it replaces
 
 
 @pytest.mark.parametrize('bad', [{'refused': True}, {'size': 50}])
@@ -164,7 +213,8 @@ def test_what_one_set_of_numbers_meets_is_not_missing(make_campaign):
     data = prepare(campaign)
     baseline = fit_baseline(baseline_model(campaign, data))
     held = held_out_fit(baseline, data.held_out)
-    assert _met_together(baseline, held, 1.2)
+    outcome = Outcome(baseline, baseline, [])
+    assert _met_together(outcome, held, 1.2)
     blows = list(held.model.data.blows)
     for i in data.held_out:
         channels = dict(blows[i].channels)
@@ -173,21 +223,7 @@ def test_what_one_set_of_numbers_meets_is_not_missing(make_campaign):
         blows[i] = dataclasses.replace(blows[i], channels=channels)
     bent = dataclasses.replace(held.model.data, blows=tuple(blows))
     model = dataclasses.replace(held.model, data=bent)
-    assert not _met_together(baseline, dataclasses.replace(held, model=model), 1.2)
-
-
-def formed(name, label, chi_square):
-    candidate = SimpleNamespace(
-        label=label,
-        name=name,
-        free=(),
-        channel='force',
-        price=lambda gain, samples: 9.0,
-        doubt_at=lambda values: 0.0,
-    )
-    form = found_of(candidate, -40.0)
-    form.fit.chi_square, form.fit.values = chi_square, {}
-    return form
+    assert not _met_together(outcome, dataclasses.replace(held, model=model), 1.2)
 
 
 @pytest.mark.parametrize(

@@ -33,8 +33,19 @@ def remembering(share: float, count: int, rng: np.random.Generator) -> Array:
 
 def test_white_noise_is_white() -> None:
     rng = np.random.default_rng(4)
-    seen = [colour_of([rng.standard_normal(900) for _ in range(6)], RATE) for _ in range(20)]
-    assert sum(colour is not None for colour in seen) <= 3
+    seen = [colour_of([rng.standard_normal(900) for _ in range(3)], RATE) for _ in range(60)]
+    assert sum(colour is not None for colour in seen) <= 1
+
+
+def test_weak_colour_is_believed_beside_another_channel_that_has_some() -> None:
+    rng = np.random.default_rng(41)
+    faint = [
+        [rng.standard_normal(400) + 0.5 * remembering(0.7, 400, rng) for _ in range(3)]
+        for _ in range(30)
+    ]
+    alone = sum(colour_of(quiet, RATE) is not None for quiet in faint)
+    beside = sum(colour_of(quiet, RATE, beside=True) is not None for quiet in faint)
+    assert alone + 4 <= beside
 
 
 def test_a_hum_is_no_noise() -> None:

@@ -14,7 +14,8 @@ from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.fits.least_squares import at_point, fit
 from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.discrepancy.impact.search import forward_backward as searching
-from impactscope.discrepancy.impact.search.other_minima import other_modes, rung
+from impactscope.discrepancy.impact.search import other_minima as minima
+from impactscope.discrepancy.impact.search.other_minima import lowest, other_modes, rung
 from impactscope.discrepancy.impact.search.outcome import Outcome
 from impactscope.discrepancy.impact.search.profile_likelihood import profiled
 from impactscope.discrepancy.time_limit import time_limited
@@ -54,6 +55,17 @@ def test_a_fit_at_a_wrong_frequency_finds_the_right_one(ringing):
     best, _ = other_modes(astray, [fixture], rung(without, fixture))
     assert best.chi_square < astray.chi_square - 9.0
     assert best.values['base_compliance.frequency'] == pytest.approx(110.0, rel=0.03)
+
+
+def test_a_fit_finds_lower_ground_by_way_of_the_first_contacts(ringing, monkeypatch):
+    without, _ = ringing
+    j = without.model.index('sensor.stiffness')
+    x = without.x.copy()
+    x[j] += 0.02
+    astray = at_point(without.model, without.layout, x)
+    monkeypatch.setattr(minima, 'other_modes', lambda f, _: (f, []))
+    assert lowest(astray, []).chi_square == pytest.approx(without.chi_square, rel=1e-3)
+    assert lowest(without, []).chi_square <= without.chi_square
 
 
 def test_other_values_are_left_out_once_the_time_is_over(ringing):

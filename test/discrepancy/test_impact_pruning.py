@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from types import SimpleNamespace
 
 import pytest
@@ -74,10 +75,48 @@ def test_rivals_are_close_to_a_finding_as_it_was_weighed_beside_them(
     )
     tried = SimpleNamespace(candidate=load, criterion=-118.0)
     monkeypatch.setattr(pruning, '_instead', lambda *_: tried)
+    monkeypatch.setattr(pruning, '_at_bottom', lambda _, item: item)
     monkeypatch.setattr(pruning, '_relatives', lambda *_: [])
     pruning._swap(outcome, PUSH, [], beside)
     assert outcome.rivals[PUSH.label] == [tried]
     assert outcome.accepted == [PUSH]
+
+
+@pytest.mark.parametrize(
+    ('lower', 'behind', 'stays'),
+    [
+        ({'rival': 20.0}, 15.0, False),  # the rival had stood in a higher minimum
+        ({'rival': 20.0, 'mine': 20.0}, 15.0, True),  # and so had the finding
+        ({'rival': 20.0}, 50.0, True),  # a rival so far behind is left where it is
+        ({'rival': 0.5}, 0.2, True),  # and one that no minimum brings further
+    ],
+)
+def test_rivals_are_compared_from_their_lowest_minima(
+    monkeypatch: pytest.MonkeyPatch, lower: dict[str, float], behind: float, stays: bool
+) -> None:
+    load = wrong_number()
+    push = dataclasses.replace(PUSH, free=load.free)
+    levels = 100.0, 100.0 + behind
+    mine, other = (SimpleNamespace(chi_square=c, reduced=1.0, values={}) for c in levels)
+    found, tried = Found(push, mine, 50.0, 1e-9, -40.0), Found(load, other, 0.0, 1e-9, behind - 40)
+    outcome = Outcome(mine, mine, [push])
+    outcome.found[push.label], outcome.rivals[push.label] = found, [tried]
+
+    def deeper(fit: SimpleNamespace, _: object) -> SimpleNamespace:
+        fallen = lower.get('mine' if fit is mine else 'rival', 0.0)
+        return SimpleNamespace(chi_square=fit.chi_square - fallen, reduced=1.0, values={})
+
+    monkeypatch.setattr(pruning, 'lowest', deeper)
+    monkeypatch.setattr(pruning, '_instead', lambda *_: tried)
+    monkeypatch.setattr(pruning, '_relatives', lambda *_: [])
+    pruning._swap(outcome, push, [], found)
+    (accepted,) = outcome.accepted
+    assert (accepted is push) is stays
+    if 'mine' in lower:
+        assert outcome.final.chi_square == 80.0
+        assert outcome.found[PUSH.label].criterion == -60.0
+    if not stays:
+        assert outcome.found[load.label].criterion == pytest.approx(behind - 60.0)
 
 
 @pytest.mark.parametrize(

@@ -125,7 +125,7 @@ def _engine() -> list[str]:
     """The suite's command line beside this interpreter, else on the path."""
     beside = Path(sys.executable).with_name('impactscope')
     found = str(beside) if beside.exists() else shutil.which('impactscope')
-    return [found] if found else [sys.executable, '-m', 'impactscope.cli']
+    return [found] if found else [sys.executable, '-m', 'impactscope']
 
 
 def _score(output: Path, digest: str | None, *, with_peers: bool) -> None:

@@ -37,7 +37,7 @@ from impactscope.discrepancy.impact.fits.growing_windows import (
     further,
     held_out_fit,
 )
-from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
+from impactscope.discrepancy.impact.fits.least_squares import Fit
 from impactscope.discrepancy.impact.fits.slow_noise import likelier, noise_left
 from impactscope.discrepancy.impact.fits.tap_end import with_later_cuts
 from impactscope.discrepancy.impact.models.baseline import baseline_model, with_metal_that_lets_go
@@ -50,12 +50,12 @@ from impactscope.discrepancy.impact.search.baseline_conventions import (
     with_likelier,
 )
 from impactscope.discrepancy.impact.search.forward_backward import Search
+from impactscope.discrepancy.impact.search.held_out import fit_together
 from impactscope.discrepancy.impact.search.outcome import Outcome, with_findings
 from impactscope.discrepancy.impact.search.prediction_misfit import prediction_misfit
 from impactscope.discrepancy.locate import locate
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left
-from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
 __all__ = ['explain_impact', 'with_direct']
@@ -326,7 +326,7 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> _Rest:
         and held.reduced > allowed  # quick to see, and never less than what follows
         and prediction_misfit(final, held) > allowed
         and _missed_early(outcome, allowed)
-        and not _met_together(final, held, allowed)
+        and not _met_together(outcome, held, allowed)
     )
     if ratio <= thresholds.unexplained_ratio:
         if tests.p_value < thresholds.inadequate:
@@ -434,20 +434,18 @@ def _missed_early(outcome: Outcome, allowed: float) -> bool:
     return True
 
 
-def _met_together(final: Fit, held: Fit, allowed: float) -> bool:
+def _met_together(outcome: Outcome, held: Fit, allowed: float) -> bool:
     """Whether one set of numbers meets the recordings that were fitted and those held out.
 
     What bounces amplify lets a right model miss: what the fitted recordings leave open of its
     numbers is then more than slopes say.
     """
-    model = dataclasses.replace(final.model, data=held.model.data)
-    layout = model.layout((*final.layout.blows, *held.layout.blows), final.layout.window)
-    try:
-        joint = fit(model, layout, model.vector({**final.values, **held.values}))
-    except ImpactscopeError:
+    final = outcome.final
+    together = fit_together(final, held, outcome.accepted)
+    if together is None:
         return False
     for blows in (final.layout.blows, held.layout.blows):
-        left = np.concatenate([joint.residuals[layout.blow_spans[i]] for i in blows])
+        left = np.concatenate([together.residuals[together.layout.blow_spans[i]] for i in blows])
         if float(np.mean(left**2)) > allowed:
             return False
     return True

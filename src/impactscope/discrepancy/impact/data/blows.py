@@ -393,12 +393,14 @@ def _colours(
     onsets: Sequence[tuple[CampaignRecording, float]], stated: Mapping[str, float]
 ) -> dict[str, Colour]:
     """Noise of the channels whose quiet before the blows is not white."""
-    found = {}
-    for name in CHANNELS:
-        quiet = {} if name in stated else _quiet(onsets, name)
-        if len(quiet) == 1:
-            rate, stretches = next(iter(quiet.items()))
-            colour = colour_of(stretches, rate, bent=name == 'acceleration.impactor')
+    found: dict[str, Colour] = {}
+    quiet = {name: _quiet(onsets, name) for name in CHANNELS if name not in stated}
+    for beside in (False, True):
+        sought = [n for n, q in quiet.items() if len(q) == 1 and n not in found]
+        for name in sought if found or not beside else []:
+            rate, stretches = next(iter(quiet[name].items()))
+            bent = name == 'acceleration.impactor'
+            colour = colour_of(stretches, rate, bent=bent, beside=beside)
             if colour is not None:
                 found[name] = colour
     return found

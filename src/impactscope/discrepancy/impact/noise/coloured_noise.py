@@ -29,7 +29,8 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 SHORTEST = 24  # samples of a quiet stretch
-_GAIN = 5.0  # twice the logarithm of the likelihood, from which noise is not white
+_GAIN = 9.0  # twice the logarithm of the likelihood, from which noise is not white
+_GAIN_BESIDE = 4.0  # likewise where the noise of another channel is not
 _STEPS = 1500  # of the multiplicative kind
 _STEPS_AGAIN = 300  # the same from close by
 _NOT_RULED_OUT = 0.45  # twice the logarithm of the likelihood: as often too much as too little
@@ -121,11 +122,12 @@ class _Lines:
 
 
 def colour_of(
-    stretches: Sequence[Array], sample_rate: float, *, bent: bool = False
+    stretches: Sequence[Array], sample_rate: float, *, bent: bool = False, beside: bool = False
 ) -> Colour | None:
     """The noise in quiet stretches of a channel; None where it is white for all one can see.
 
     ``bent``: a polynomial of a motion was taken off the stretches, and slow noise with it.
+    ``beside``: another channel's noise is not white, so this one's is more likely not to be.
     """
     quiet = [s for s in stretches if s.size >= SHORTEST and np.isfinite(s).all()]
     if not quiet:
@@ -167,7 +169,7 @@ def colour_of(
     lines = _Lines(y, a, w * share)
     variances = lines.likeliest(variances, count + 1, _STEPS)
     gain = lines.misfit(np.append(level, np.zeros(count))) - lines.misfit(variances)
-    white = gain < _GAIN
+    white = gain < (_GAIN_BESIDE if beside else _GAIN)
     if white:
         variances = np.append(level, np.zeros(count))
     parts = variances[1:]

@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from impactscope.discrepancy.evidence import Thresholds, least_gain
+from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.fits.growing_windows import held_out_fit
-from impactscope.discrepancy.impact.fits.least_squares import Fit
+from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
+from impactscope.discrepancy.impact.search.other_minima import lowest
 from impactscope.discrepancy.impact.search.outcome import (
     Found,
     Outcome,
     chance_of,
     with_findings,
 )
-from impactscope.discrepancy.impact.search.prediction_misfit import further_misfit
+from impactscope.discrepancy.impact.search.prediction_misfit import (
+    further_misfit,
+    prediction_misfit,
+)
 from impactscope.discrepancy.impact.search.pruning import drop_idle
 from impactscope.discrepancy.time_limit import time_left
+from impactscope.errors import ImpactscopeError
 
-__all__ = ['check_held_out']
+__all__ = ['check_held_out', 'fit_together']
 
 _NOT_QUITE = 0.03  # share of what findings gain in the fitted recordings
 _CONFIRMED = 4  # candidates that are held against the held-out recordings
@@ -82,38 +89,107 @@ def _drop_contradicted(outcome: Outcome, thresholds: Thresholds) -> None:
 
 
 def _weigh_rivals(outcome: Outcome, thresholds: Thresholds) -> None:
-    """Weigh the last finding and its rivals by the held-out recordings, too.
-
-    Of two that explain the fitted ones about alike, what predicts the others better is likelier.
-    Where these are missed, a rival is likelier by what it makes good of that, half of it at
-    least: what shows in them alone is no evidence for the law that bends to it most easily.
-    """
+    """Weigh the last finding and its rivals by the held-out recordings, too."""
     if not outcome.accepted or outcome.held_out_final is None:
         return
-    missed = outcome.held_out_final.reduced
-    told = missed > thresholds.unexplained_ratio * max(1.0, outcome.final.reduced)
-    candidate = outcome.accepted[-1]
-    mine, rivals = outcome.found[candidate.label], outcome.rivals.get(candidate.label, [])
-    weighed: dict[int, tuple[Found, Fit]] = {}
-    for i, rival in sorted(enumerate(rivals), key=lambda pair: pair[1].criterion):
-        if not _in_its_place(outcome, rival):
-            continue
-        near = rival.criterion < mine.criterion + _OPEN and len(weighed) < _RIVALS
-        if not near or not time_left('rivals by what they predict'):
-            break
-        predicted = held_out_fit(rival.fit, outcome.final.model.data.held_out, outcome.window)
-        if predicted is None or (told and predicted.reduced - 1.0 > _MADE_GOOD * (missed - 1.0)):
-            continue
-        worse = further_misfit((outcome.final, outcome.held_out_final), (rival.fit, predicted))
-        criterion = rival.criterion + worse / max(1.0, predicted.reduced)
-        weighed[i] = dataclasses.replace(rival, criterion=criterion), predicted
+    label = outcome.accepted[-1].label
+    mine, rivals = outcome.found[label], outcome.rivals.get(label, [])
+    allowed = thresholds.unexplained_ratio * max(1.0, outcome.final.reduced)
+    if outcome.held_out_final.reduced > allowed:
+        weighed = _weighed_together(outcome, outcome.held_out_final, mine, allowed)
+    else:
+        weighed = _weighed_by_prediction(outcome, outcome.held_out_final, mine)
     known = [weighed[i][0] if i in weighed else rival for i, rival in enumerate(rivals)]
-    outcome.rivals[candidate.label] = known
+    outcome.rivals[label] = known
     better = [w for w in weighed.values() if w[0].criterion < mine.criterion]
     if not better:
         return
     best, predicted = min(better, key=lambda pair: pair[0].criterion)
     _put_last(outcome, best, predicted, [mine, *known])
+
+
+def _weighed_by_prediction(
+    outcome: Outcome, held_out: Fit, mine: Found
+) -> dict[int, tuple[Found, Fit]]:
+    """Rivals by their number, weighed by what they predict, and that.
+
+    Of two that explain the fitted recordings about alike, what predicts the others better is
+    likelier.
+    """
+    weighed: dict[int, tuple[Found, Fit]] = {}
+    for i, rival, predicted in _predicted(outcome, mine, mine.criterion + _OPEN):
+        worse = further_misfit((outcome.final, held_out), (rival.fit, predicted))
+        criterion = rival.criterion + worse / max(1.0, predicted.reduced)
+        weighed[i] = dataclasses.replace(rival, criterion=criterion), predicted
+        if len(weighed) == _RIVALS:
+            break
+    return weighed
+
+
+def _weighed_together(
+    outcome: Outcome, held_out: Fit, mine: Found, allowed: float
+) -> dict[int, tuple[Found, Fit]]:
+    """The same where held-out recordings are missed: by a fit to all, and further rivals, too.
+
+    What contacts amplify is no measure of how right a prediction is. Where it does not explain
+    the miss, a rival has to make good half of that at least: what shows in these recordings alone
+    is no evidence for the law that bends to it most easily.
+    """
+    final = outcome.final
+    spread = max(1.0, final.reduced)
+
+    def cost(found: Found, own: Fit, predicted: Fit) -> float:
+        together = fit_together(own, predicted, [*outcome.accepted[:-1], found.candidate])
+        if together is None:
+            return math.inf
+        priced = found.candidate.price(mine.gain, final.layout.size)
+        return together.chi_square / spread + priced + found.candidate.doubt_at(together.values)
+
+    weighed: dict[int, tuple[Found, Fit]] = {}
+    known = cost(mine, final, held_out)
+    missed = prediction_misfit(final, held_out)
+    open_until = mine.criterion + max(_OPEN, (missed - 1.0) * held_out.layout.size)
+    most = 1.0 + _MADE_GOOD * (missed - 1.0) if missed > allowed else math.inf
+    for i, rival, predicted in _predicted(outcome, mine, open_until):
+        if math.isinf(known) or prediction_misfit(rival.fit, predicted) > most:
+            continue
+        criterion = mine.criterion + cost(rival, rival.fit, predicted) - known
+        weighed[i] = dataclasses.replace(rival, criterion=criterion), predicted
+        if len(weighed) == _RIVALS:
+            break
+    return weighed
+
+
+def _predicted(
+    outcome: Outcome, mine: Found, open_until: float
+) -> Iterator[tuple[int, Found, Fit]]:
+    """The likeliest rivals of the last finding: number, rival, the held-out recordings by it.
+
+    ``open_until``: the criterion until which they are looked at.
+    """
+    rivals = outcome.rivals.get(mine.candidate.label, [])
+    for i, rival in sorted(enumerate(rivals), key=lambda pair: pair[1].criterion):
+        if not _in_its_place(outcome, rival):
+            continue
+        if rival.criterion >= open_until or not time_left('rivals by what they predict'):
+            return
+        predicted = held_out_fit(rival.fit, outcome.final.model.data.held_out, outcome.window)
+        if predicted is not None:
+            yield i, rival, predicted
+
+
+def fit_together(final: Fit, held_out: Fit, candidates: Sequence[Candidate]) -> Fit | None:
+    """One set of numbers for the recordings that were fitted and those held out; None: none.
+
+    ``candidates``: what the fit has beyond the baseline.
+    """
+    model = dataclasses.replace(final.model, data=held_out.model.data)
+    layout = model.layout((*final.layout.blows, *held_out.layout.blows), final.layout.window)
+    try:
+        together = fit(model, layout, model.vector({**final.values, **held_out.values}))
+    except ImpactscopeError:
+        return None
+    return lowest(together, candidates)
 
 
 def _in_its_place(outcome: Outcome, rival: Found) -> bool:

@@ -9,6 +9,7 @@ frequency is scanned.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,12 +21,13 @@ from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.evidence import spread_over_minima
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.candidates.motion_scales import LARGEST_FREQUENCY
-from impactscope.discrepancy.impact.fits.least_squares import Fit, fits_from
+from impactscope.discrepancy.impact.fits.least_squares import Fit, fit, fits_from
 from impactscope.discrepancy.impact.search.screening import Screening
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left
+from impactscope.errors import ImpactscopeError
 
-__all__ = ['other_modes', 'rung', 'widened']
+__all__ = ['lowest', 'other_modes', 'rung', 'widened']
 
 Array = NDArray[np.float64]
 
@@ -38,6 +40,7 @@ _BEHIND = 100.0  # of chi-square, over the reduced one, from which no end makes 
 _LAST, _SETTLED = 25, 0.1  # the same of fits that are brought to their end
 _NEAR = 0.2  # change of a logarithm, up to which slopes serve for another start
 _OPEN = 8.0  # of chi-square, over the reduced one, up to which a mode is not excluded
+_EARLY = 0.1  # s after the onset, up to which contacts have amplified little
 _ALIKE = 0.3  # standard deviations, between two fits that are one
 _LOWEST = 15.0  # Hz, from which a frequency is scanned
 _APART = 0.04  # of its logarithm, between two that are tried
@@ -98,6 +101,19 @@ def other_modes(
         if not any(_same(mode, other, keys) for other in (best, *modes)):
             modes.append(mode)
     return best, modes
+
+
+def lowest(found: Fit, candidates: Sequence[Candidate]) -> Fit:
+    """The lowest minimum that is seen nearby, of a fit with candidates.
+
+    Later contacts fold the ground that a fit has to cross; a short window shows where to cross it.
+    """
+    tried = [found, other_modes(found, candidates)[0]]
+    with contextlib.suppress(ImpactscopeError):
+        short = found.model.layout(found.layout.blows, _EARLY)
+        early = fit(found.model, short, found.x, settled=_SETTLED)
+        tried.append(fit(found.model, found.layout, early.x, settled=_SETTLED))
+    return min(tried, key=lambda f: f.chi_square)
 
 
 def _starts(final: Fit, key: str) -> Iterator[Array]:

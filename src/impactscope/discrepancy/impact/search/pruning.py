@@ -12,6 +12,7 @@ from impactscope.discrepancy.impact.candidates.candidate import Candidate, conta
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
+from impactscope.discrepancy.impact.search.other_minima import lowest
 from impactscope.discrepancy.impact.search.outcome import (
     Found,
     Outcome,
@@ -33,6 +34,8 @@ __all__ = ['drop_idle', 'no_weight_along', 'prune']
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
 _RIVALS = 3  # that are
 _AS_MUCH = 3.0  # of chi-square, by which an explanation that is as good may be behind
+_AHEAD = 0.5  # of the criterion, from which a rival takes a finding's place
+_DEEPER = 1.0  # of chi-square, by which another minimum has to be lower
 _TIED = 8.0  # of the criterion, within which one explanation does as well as another
 _STARTS = 2  # of a relative
 _AS_STATED = 1.0  # standard deviations within which a number is the stated one
@@ -146,18 +149,39 @@ def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate], beside:
         known = {**outcome.final.values, **rival.fit.values}
         item = _instead(outcome, mine, rest, rival.candidate, known)
         if item is not None:
+            item = _at_bottom(outcome, item)
             refitted.append(item)
     near = [f for f in (mine, *refitted) if f.criterion < mine.criterion + _TIED]
     refitted += _relatives(outcome, mine, rest, near, {f.candidate.name for f in refitted})
     refitted.sort(key=lambda f: f.criterion)
     outcome.rivals[candidate.label] = refitted
-    if refitted and refitted[0].criterion < mine.criterion - 0.5:
+    if refitted and refitted[0].criterion < mine.criterion - _AHEAD:
+        mine = outcome.found[candidate.label] = _at_bottom(
+            outcome, dataclasses.replace(mine, fit=outcome.final)
+        )
+        outcome.final = mine.fit
+    if refitted and refitted[0].criterion < mine.criterion - _AHEAD:
         best = refitted[0]
         place = outcome.accepted.index(candidate)
         outcome.accepted[place] = best.candidate
         outcome.final = best.fit
         outcome.found[best.candidate.label] = best
         outcome.rivals[best.candidate.label] = [mine, *refitted[1:]]
+
+
+def _at_bottom(outcome: Outcome, item: Found) -> Found:
+    """A finding or a rival close to it, from the lowest of its minima that are seen nearby."""
+    found = item.fit
+    close = found.chi_square < outcome.final.chi_square + _CLOSE
+    if not close or not item.candidate.free or not time_left('other minima of a rival'):
+        return item
+    best = lowest(found, [item.candidate])
+    fallen = (found.chi_square - best.chi_square) / max(1.0, best.reduced)
+    if fallen < _DEEPER:
+        return item
+    return dataclasses.replace(
+        item, fit=best, gain=item.gain + fallen, criterion=item.criterion - fallen
+    )
 
 
 def no_weight_along(outcome: Outcome) -> None:

@@ -1,4 +1,4 @@
-"""``python -m impactscope.cli``."""
+"""``python -m impactscope``."""
 
 import sys
 
