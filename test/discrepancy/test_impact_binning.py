@@ -73,3 +73,26 @@ def test_bins_of_several_channels_are_the_same():
     after = smooth.centres > 0.32
     again = knocked.centres > 0.32
     np.testing.assert_array_equal(smooth.centres[after], knocked.centres[again])
+
+
+@pytest.mark.parametrize(
+    ('begins', 'swings', 'counts'),
+    [
+        (-3e-4, 0.0, True),  # the plate was seen late: the contact has begun
+        (-3e-4, 1.0, True),  # level before it is no zero
+        (2e-4, 0.0, False),  # it has not
+    ],
+)
+def test_an_impactor_counts_from_its_contact_on(begins: float, swings: float, counts: bool):
+    rate, noise = 5000.0, 0.05
+    time = np.arange(1500) / rate
+    pressed = np.clip((time - ONSET - begins) / 1.2e-3, 0.0, 1.0)
+    values = swings - 500.0 * np.sin(np.pi * pressed)
+    values += noise * np.random.default_rng(14).standard_normal(time.size)
+    channel = ChannelSamples('acceleration.impactor', 'm/s^2', rate, 0.0, values)
+    found = binned(channel, (ONSET, 0.1, 4.0), noise, None, coarse=False)
+    early = (found.centres > ONSET - 2.5e-4) & (found.centres < ONSET + 0.9e-4)
+    assert bool(np.all(found.used[early])) is counts
+    assert bool(np.any(found.used[early])) is counts
+    assert not np.any(found.used[found.centres < ONSET - 3.5e-4])
+    assert np.all(found.used[found.centres > ONSET + 1.5e-4])

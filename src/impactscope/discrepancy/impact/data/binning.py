@@ -35,6 +35,9 @@ _RINGING_BIN = 1e-3  # s, where contacts are over
 _FLAT = 0.015  # s, at its largest value, that no coarse converter stays without being cut off
 _STEPS_BELOW = 4.5  # the top, where it is looked whether that is round
 _WIDER = 1.6  # times as wide there: a parabola is 2 to 3 times
+_LEVEL_BEFORE = 6e-3, 1e-3  # s before an onset, between which an impactor shows its level
+_SOON = 1e-3  # s after the onset in which an impactor shows how hard a blow is ...
+_OF_BLOW, _STRUCK = 0.01, 8.0  # share of that, and noises, from which it is in contact
 _NODE_STEP = 5e-5  # s
 _FLOOR = 0.05  # of the noise, of a sample: what two sound simulations may differ by
 _RELATIVE_FLOOR = 2e-4  # of the value
@@ -125,7 +128,7 @@ def binned(
     variance = variance + (_RELATIVE_FLOOR * means) ** 2 + (_TIME_FLOOR * slope) ** 2
     used = np.isfinite(means)
     if channel.name == 'acceleration.impactor':
-        used &= time[edges] > onset + 0.5 / rate
+        used &= edges >= _in_contact(samples, since, rate, sigma)
     if math.isfinite(clip):
         hit = np.abs(samples) >= clip * (1 - 1e-6)
         used &= np.add.reduceat(hit.astype(np.int64), edges) == 0
@@ -151,6 +154,26 @@ def binned(
         clipped_at=clip,
         colour=colour,
     )
+
+
+def _in_contact(samples: Array, since: Array, rate: float, sigma: float) -> int:
+    """First sample in which an impactor is certainly in contact, of what begins near an onset.
+
+    Before, it falls or is driven as no file says. A blow is seen when a channel leaves its noise
+    for certain, which may be some samples into a contact; those of them that rise steadily from
+    the level before belong to it.
+    """
+    first = int(np.searchsorted(since, 0.5 / rate, side='right'))
+    before = samples[(since > -_LEVEL_BEFORE[0]) & (since < -_LEVEL_BEFORE[1])]
+    before = before[np.isfinite(before)]
+    if not before.size or first >= samples.size:
+        return first
+    size = np.abs(samples - np.median(before))
+    soon = size[first : first + max(1, round(_SOON * rate))]
+    threshold = max(_STRUCK * sigma, _OF_BLOW * float(np.nanmax(soon, initial=0.0)))
+    while first > 0 and since[first - 1] > -_LEVEL_BEFORE[1] and threshold < size[first - 1]:
+        first -= 1
+    return first
 
 
 def merged(moments: Mapping[str, Array]) -> tuple[Array, dict[str, IntArray]]:
