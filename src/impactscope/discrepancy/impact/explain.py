@@ -148,12 +148,17 @@ def _searched(
 
     Where it matters what the baseline's names leave open, the search goes on from the likeliest
     choice, and from another one where something is left or that explains as much. Or it is taken
-    as in ``like``.
+    as in ``like``, unless a baseline taken otherwise explains everything, and better.
     """
     progress(0.02, 'baseline')
     baseline = fit_baseline(with_conventions_of(baseline_model(campaign, data), like))
     if like is None:
         baseline = with_likelier(baseline)
+    else:
+        ways = in_parallel(fit_baseline, other_conventions(baseline))
+        likelier_way = functools.reduce(further, ways, baseline)
+        if likelier_way is not baseline and likelier_way.reduced < thresholds.unexplained_ratio:
+            baseline, like = likelier_way, None
     search = Search(campaign.baseline_names, thresholds, progress)
     outcome = search.run(with_later_cuts(baseline))
     others = other_conventions(outcome.final) if like is None else []

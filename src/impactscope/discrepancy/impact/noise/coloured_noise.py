@@ -30,7 +30,7 @@ IntArray = NDArray[np.int64]
 
 SHORTEST = 24  # samples of a quiet stretch
 _GAIN = 9.0  # twice the logarithm of the likelihood, from which noise is not white
-_GAIN_BESIDE = 4.0  # likewise where the noise of another channel is not
+_GAIN_BESIDE = 5.0  # likewise where the noise of another channel is not
 _STEPS = 1500  # of the multiplicative kind
 _STEPS_AGAIN = 300  # the same from close by
 _NOT_RULED_OUT = 0.45  # twice the logarithm of the likelihood: as often too much as too little
