@@ -19,6 +19,7 @@ from impactscope.discrepancy.impact.search.other_minima import lowest, other_mod
 from impactscope.discrepancy.impact.search.outcome import Outcome
 from impactscope.discrepancy.impact.search.profile_likelihood import profiled
 from impactscope.discrepancy.time_limit import time_limited
+from impactscope.errors import ImpactscopeError
 from impactscope.physics.twin.assembly import Effect
 
 
@@ -66,6 +67,36 @@ def test_a_fit_finds_lower_ground_by_way_of_the_first_contacts(ringing, monkeypa
     monkeypatch.setattr(minima, 'other_modes', lambda f, _: (f, []))
     assert lowest(astray, []).chi_square == pytest.approx(without.chi_square, rel=1e-3)
     assert lowest(without, []).chi_square <= without.chi_square
+
+
+def test_a_fit_finds_lower_ground_by_steps_along_the_valley_of_a_number(ringing, monkeypatch):
+    without, fixture = ringing
+    model = fixture.extend(without.model)
+    start = {**without.values, **rung(without, fixture)[0]}
+    best = fit(model, without.layout, model.vector(start))
+    tried = []
+
+    def fits(model, layout, starts, **_):
+        tried.extend(starts)
+        return [at_point(model, layout, best.x)]
+
+    def nowhere(*_, **__):
+        raise ImpactscopeError('cannot be simulated')
+
+    monkeypatch.setattr(minima, 'other_modes', lambda f, _: (f, []))
+    monkeypatch.setattr(minima, 'fit', nowhere)
+    monkeypatch.setattr(minima, 'fits_from', fits)
+    x = best.x.copy()
+    x[model.index('base_compliance.mass')] += 0.1
+    astray = at_point(model, without.layout, x)
+    assert lowest(astray, [fixture]).chi_square == pytest.approx(best.chi_square)
+    numbers = [number.key for number in fixture.free if number.blow is None]
+    assert len(tried) == 2 * len(numbers)
+    first = 2 * numbers.index('base_compliance.mass')
+    j = model.index('base_compliance.mass')
+    std = np.sqrt(astray.covariance()[j, j])
+    moved = [(start[j] - astray.x[j]) / std for start in tried[first : first + 2]]
+    assert moved == pytest.approx([4.0, -4.0], rel=0.01)
 
 
 def test_other_values_are_left_out_once_the_time_is_over(ringing):

@@ -41,6 +41,7 @@ _LAST, _SETTLED = 25, 0.1  # the same of fits that are brought to their end
 _NEAR = 0.2  # change of a logarithm, up to which slopes serve for another start
 _OPEN = 8.0  # of chi-square, over the reduced one, up to which a mode is not excluded
 _EARLY = 0.1  # s after the onset, up to which contacts have amplified little
+_STRIDE = 4.0  # standard deviations
 _ALIKE = 0.3  # standard deviations, between two fits that are one
 _LOWEST = 15.0  # Hz, from which a frequency is scanned
 _APART = 0.04  # of its logarithm, between two that are tried
@@ -106,14 +107,29 @@ def other_modes(
 def lowest(found: Fit, candidates: Sequence[Candidate]) -> Fit:
     """The lowest minimum that is seen nearby, of a fit with candidates.
 
-    Later contacts fold the ground that a fit has to cross; a short window shows where to cross it.
+    Later contacts fold the ground that a fit has to cross: a short window shows where to cross it,
+    and so do some steps along the valley of each number.
     """
+    model, layout = found.model, found.layout
     tried = [found, other_modes(found, candidates)[0]]
+    strides = list(_strides(found, candidates))
+    tried += fits_from(model, layout, strides, settled=_SETTLED, iterations=_LAST)
     with contextlib.suppress(ImpactscopeError):
-        short = found.model.layout(found.layout.blows, _EARLY)
-        early = fit(found.model, short, found.x, settled=_SETTLED)
-        tried.append(fit(found.model, found.layout, early.x, settled=_SETTLED))
+        early = fit(model, model.layout(layout.blows, _EARLY), found.x, settled=_SETTLED)
+        tried.append(fit(model, layout, early.x, settled=_SETTLED))
     return min(tried, key=lambda f: f.chi_square)
+
+
+def _strides(found: Fit, candidates: Sequence[Candidate]) -> Iterator[Array]:
+    """Some standard deviations along the valley of each number of candidates, to either side."""
+    covariance = found.covariance()
+    lower, upper = found.model.bounds()
+    for number in (f for c in candidates for f in c.free if f.blow is None):
+        j = found.model.index(number.key)
+        if covariance[j, j] > 0.0:
+            stride = _STRIDE / math.sqrt(covariance[j, j]) * covariance[:, j]
+            for sign in (1.0, -1.0):
+                yield np.clip(found.x + sign * stride, lower, upper)
 
 
 def _starts(final: Fit, key: str) -> Iterator[Array]:
