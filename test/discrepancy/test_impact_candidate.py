@@ -50,3 +50,12 @@ def test_a_filter_before_sampling_is_tried_as_weak_as_it_may_be(make_campaign):
     best, _ = Screening(baseline).best(far)
     assert best.weak[far.free[0].key] > 2.0 * max(s[far.free[0].key] for s in far.starts)
     assert -5.0 < best.gain < 5.0
+
+
+def test_a_weight_that_goes_with_the_geometry_has_to_explain_more(make_campaign):
+    campaign = make_campaign(5, duration=0.3)
+    found = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    listed = {c.label: c for c in candidates(found, ())}
+    plain, by_geometry = (listed[f'restoring_force{form}'] for form in ('', ' (by geometry)'))
+    assert by_geometry.doubt > plain.doubt
+    assert by_geometry.cost == plain.cost

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from impactscope.discrepancy.answer import Finding
-from impactscope.discrepancy.impact.findings.ranking import _or_another
+from impactscope.discrepancy.impact.findings.ranking import _another_form, _or_another
 
 
 def rival(name, parameter, value, recording=''):
@@ -33,3 +33,21 @@ def test_another_number_that_may_be_wrong_as_well_is_told(finding):
 
 def test_nothing_is_added_where_no_other_number_is_wrong(finding):
     assert _or_another(finding, [rival('hysteresis', '', 0.1)]) is finding
+
+
+@pytest.mark.parametrize(
+    ('name', 'key', 'over', 'is_one'),
+    [
+        ('restoring_force', 'restoring_force.stiffness', 'whole', True),
+        ('external_push', 'restoring_force.stiffness', 'whole', False),
+        ('restoring_force', 'restoring_force.other', 'whole', False),
+        ('restoring_force', 'restoring_force.stiffness', 'a part', False),
+    ],
+)
+def test_a_law_meant_otherwise_leaves_another_number(name, key, over, is_one):
+    def found(name, key, layout):
+        candidate = SimpleNamespace(name=name, effects=(1,), free=(SimpleNamespace(key=key),))
+        return SimpleNamespace(candidate=candidate, fit=SimpleNamespace(layout=layout))
+
+    mine = found('restoring_force', 'restoring_force.stiffness', 'whole')
+    assert _another_form(found(name, key, over), mine, mine.fit) is is_one

@@ -35,6 +35,7 @@ _PULSE_KNOWN = 0.3  # relative, of a tap's duration
 _RINGS = tuple(float(f) for f in np.geomspace(20.0, 1200.0, 29))  # Hz, where a part may ring
 _MOST_STARTS = 36  # of a candidate
 _WEIGHTS = ('gravity_load', 'restoring_force')
+_TIED = 1.0  # of chi-square, by which a weight that goes with the geometry has to explain more
 
 
 def candidates(fit: Fit, campaign_baseline: Sequence[str]) -> list[Candidate]:
@@ -102,6 +103,7 @@ def _bench_candidates(
             constants={**constants, **shares},
             starts=starts,
             amplitudes=candidate.amplitudes,
+            doubt=_TIED,
         )
 
 

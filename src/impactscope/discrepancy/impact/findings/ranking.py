@@ -46,6 +46,7 @@ def ranked(outcome: Outcome, accepted: Sequence[Candidate]) -> list[Finding]:
                 confused[name] = max(confused.get(name, 0.0), share)
         finding = _finding(candidate, outcome.final, own, tuple(confused), mine, held)
         modes = [f for f in outcome.modes if f.layout is outcome.final.layout]
+        modes += [r.fit for r in rivals if _another_form(r, mine, outcome.final)]
         if candidate.effects:
             tag = candidate.effects[0].tag
             numbers = widened(finding.parameters, tag, outcome.final, modes, outcome.factors)
@@ -153,6 +154,17 @@ def _among_orders(finding: Finding, mine: Found, rivals: Sequence[Found]) -> Fin
     std = math.hypot(float(stated.std), math.sqrt(spread), form)
     cutoff = ParameterEstimate(stated.value, std if math.isfinite(std) else math.nan, 'Hz')
     return dataclasses.replace(finding, parameters={**finding.parameters, 'cutoff': cutoff})
+
+
+def _another_form(rival: Found, mine: Found, final: Fit) -> bool:
+    """Whether a rival is the same law with the same numbers, meant otherwise.
+
+    A weight that all recordings share, or that goes with their geometry: where one recording alone
+    shows it, which is meant is as open as its number.
+    """
+    same = rival.candidate.name == mine.candidate.name and bool(mine.candidate.effects)
+    keys = [f.key for f in rival.candidate.free] == [f.key for f in mine.candidate.free]
+    return same and keys and rival.fit.layout is final.layout
 
 
 def _nests(rival: Found, mine: Found) -> bool:
