@@ -160,8 +160,8 @@ def _in_contact(samples: Array, since: Array, rate: float, sigma: float) -> int:
     """First sample in which an impactor is certainly in contact, of what begins near an onset.
 
     Before, it falls or is driven as no file says. A blow is seen when a channel leaves its noise
-    for certain, which may be some samples into a contact; those of them that rise steadily from
-    the level before belong to it.
+    for certain, which may be some samples into a contact: those right before, that are away from
+    the level by more than noise and a hundredth of the blow, belong to it.
     """
     first = int(np.searchsorted(since, 0.5 / rate, side='right'))
     before = samples[(since > -_LEVEL_BEFORE[0]) & (since < -_LEVEL_BEFORE[1])]

@@ -396,8 +396,9 @@ def _colours(
     found: dict[str, Colour] = {}
     quiet = {name: _quiet(onsets, name) for name in CHANNELS if name not in stated}
     for beside in (False, True):
-        sought = [n for n, q in quiet.items() if len(q) == 1 and n not in found]
-        for name in sought if found or not beside else []:
+        if beside and not found:
+            break
+        for name in [n for n, q in quiet.items() if len(q) == 1 and n not in found]:
             rate, stretches = next(iter(quiet[name].items()))
             bent = name == 'acceleration.impactor'
             colour = colour_of(stretches, rate, bent=bent, beside=beside)

@@ -136,14 +136,10 @@ def _weighed_together(
     is no evidence for the law that bends to it most easily.
     """
     final = outcome.final
-    spread = max(1.0, final.reduced)
 
     def cost(found: Found, own: Fit, predicted: Fit) -> float:
         together = fit_together(own, predicted, [*outcome.accepted[:-1], found.candidate])
-        if together is None:
-            return math.inf
-        priced = found.candidate.price(mine.gain, final.layout.size)
-        return together.chi_square / spread + priced + found.candidate.doubt_at(together.values)
+        return math.inf if together is None else _cost(outcome, mine, found.candidate, together)
 
     weighed: dict[int, tuple[Found, Fit]] = {}
     known = cost(mine, final, held_out)
@@ -158,6 +154,13 @@ def _weighed_together(
         if len(weighed) == _RIVALS:
             break
     return weighed
+
+
+def _cost(outcome: Outcome, mine: Found, candidate: Candidate, fitted: Fit) -> float:
+    """Chi-square of a fit in a finding's place, its numbers' price and its doubt on top."""
+    priced = candidate.price(mine.gain, outcome.final.layout.size)
+    spread = max(1.0, outcome.final.reduced)
+    return fitted.chi_square / spread + priced + candidate.doubt_at(fitted.values)
 
 
 def _predicted(
@@ -217,11 +220,9 @@ def _by_name(outcome: Outcome) -> None:
     candidate = outcome.accepted[-1]
     rivals = outcome.rivals.get(candidate.label, [])
     mine = dataclasses.replace(outcome.found[candidate.label], fit=outcome.final)
-    size, spread = outcome.final.layout.size, max(1.0, outcome.final.reduced)
 
     def cost(form: Found) -> float:  # anew: rivals were weighed in other fits
-        priced = form.candidate.price(mine.gain, size) + form.candidate.doubt_at(form.fit.values)
-        return form.fit.chi_square / spread + priced
+        return _cost(outcome, mine, form.candidate, form.fit)
 
     forms: dict[str, list[Found]] = {}
     for form in (mine, *rivals):
