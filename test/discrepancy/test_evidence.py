@@ -122,16 +122,16 @@ def test_numbers_of_one_kind_that_chance_gives_never_pay():
 
 @given(st.floats(0.01, 10.0), st.floats(0.0, 100.0), st.floats(1e-6, 1.0))
 def test_an_interval_over_two_minima_is_no_narrower_than_over_one(std, away, likely):
-    both = spread_over_minima(std, [0.0, away], [1.0, likely])
+    both = spread_over_minima([std] * 2, [0.0, away], [1.0, likely])
     assert std * (1.0 - 1e-6) <= both <= std + away
-    assert spread_over_minima(std, [0.0], [1.0]) == pytest.approx(std, rel=1e-6)
+    assert spread_over_minima([std], [0.0], [1.0]) == pytest.approx(std, rel=1e-6)
 
 
 def test_an_interval_reaches_to_a_minimum_as_good():
-    assert spread_over_minima(1.0, [0.0, 100.0], [1.0, 1.0]) * 1.96 == pytest.approx(
+    assert spread_over_minima([1.0] * 2, [0.0, 100.0], [1.0, 1.0]) * 1.96 == pytest.approx(
         101.3, abs=0.2
     )
-    assert spread_over_minima(1.0, [0.0, 100.0], [1.0, 1e-3]) < 1.1
+    assert spread_over_minima([1.0] * 2, [0.0, 100.0], [1.0, 1e-3]) < 1.1
 
 
 @pytest.mark.parametrize('limit', [13.757, 13.4, 20.0])

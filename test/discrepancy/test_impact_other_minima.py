@@ -36,7 +36,8 @@ def ringing(make_campaign):
 def test_a_scan_shows_where_a_part_rings(ringing):
     without, fixture = ringing
     found = rung(without, fixture)
-    assert 1 <= len(found) <= 3
+    dampings = 2
+    assert 1 <= len(found) <= 3 * dampings
     assert found[0]['base_compliance.frequency'] == pytest.approx(110.0, rel=0.05)
     assert set(found[0]) >= {f.key for f in without.model.free}
 

@@ -10,7 +10,11 @@ from scipy import stats
 from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.impact.fits.least_squares import Fit
 from impactscope.discrepancy.impact.models.bench_model import Free
-from impactscope.discrepancy.impact.search.other_minima import other_modes, widened
+from impactscope.discrepancy.impact.search.other_minima import (
+    other_modes,
+    weighed_by_width,
+    widened,
+)
 from impactscope.discrepancy.impact.search.profile_likelihood import profiled
 
 SIZE = 200
@@ -114,10 +118,26 @@ def test_what_rings_far_up_is_sought_along_the_valley_of_its_stiffness(monkeypat
     assert any(abs(x[1]) < 1e-12 and x[0] != 0.0 for x in tried)  # and with nothing moved along
 
 
-def estimate(factor=1.0, worse=(), apart=3.0):
+def minimum(value, chi_square, std):
+    """A fit with one number of an effect, tried between 0 and 100."""
+    model = SimpleNamespace(
+        free=[Free('t.a', 1.0, 1.0, 0.0, 100.0)],
+        bounds=lambda: (np.array([0.0]), np.array([100.0])),
+    )
+    return SimpleNamespace(
+        model=model,
+        chi_square=chi_square,
+        reduced=1.0,
+        values={'t.a': value},
+        std=lambda _: std,
+        covariance=lambda: np.array([[std**2]]),
+    )
+
+
+def estimate(factor=1.0, worse=(), apart=3.0, width=0.1):
     """Standard uncertainty of a number with further minima, each that much worse."""
-    best = SimpleNamespace(chi_square=100.0, reduced=1.0, values={'t.a': 1.0})
-    modes = [SimpleNamespace(chi_square=100.0 + w, values={'t.a': 1.0 + apart}) for w in worse]
+    best = minimum(1.0, 100.0, 0.1)
+    modes = [minimum(1.0 + apart, 100.0 + w, width) for w in worse]
     stated = {'a': ParameterEstimate(1.0, 0.1, '1')}
     return widened(stated, 't', best, modes, {'t.a': factor})['a'].std
 
@@ -125,6 +145,35 @@ def estimate(factor=1.0, worse=(), apart=3.0):
 def test_one_minimum_keeps_its_uncertainty_and_its_factor():
     assert estimate() == pytest.approx(0.1, rel=1e-3)
     assert estimate(1.7) == pytest.approx(0.17, rel=1e-3)
+
+
+@pytest.mark.parametrize('wider', [3.0, 10.0])
+def test_a_wide_minimum_weighs_more_than_a_narrow_one_as_deep(wider):
+    best, other = minimum(1.0, 100.0, 0.1), minimum(4.0, 100.0, wider * 0.1)
+    assert weighed_by_width(best, [other], 't') == pytest.approx([1.0 / wider, 1.0], rel=1e-3)
+
+
+def test_a_wide_minimum_counts_though_a_narrow_one_is_deeper():
+    narrow = estimate(worse=[4.0], width=0.1)
+    wide = estimate(worse=[4.0], width=1.0)
+    # by depth 0.12 of the likelihood, with ten times the width 0.57
+    assert narrow == pytest.approx(0.5 * 3.0, rel=0.15)
+    share = 10 * math.exp(-2.0) / (1 + 10 * math.exp(-2.0))
+    held = 1 - share + share * stats.norm.cdf(1.96 * wide, 3.0, 1.0)
+    assert held == pytest.approx(0.95, abs=0.002)
+
+
+def test_what_nothing_tells_of_is_as_wide_as_what_is_tried():
+    best, unknown = minimum(1.0, 100.0, 0.1), minimum(4.0, 108.0, 0.0)
+    narrow, wide = weighed_by_width(best, [unknown], 't')
+    tried = 100.0 / math.sqrt(12.0)
+    assert wide == 1.0
+    assert narrow == pytest.approx(0.1 / tried * math.exp(4.0), rel=1e-3)
+
+
+def test_a_minimum_far_behind_is_excluded():
+    best, other = minimum(1.0, 100.0, 0.1), minimum(4.0, 109.0, 0.1)
+    assert weighed_by_width(best, [other], 't') == [1.0, 0.0]
 
 
 @pytest.mark.parametrize('worse', [0.0, 1.0, 3.0])

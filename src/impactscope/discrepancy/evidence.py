@@ -136,22 +136,28 @@ def first_discoveries(p_values: Sequence[float], rate: float) -> NDArray[np.bool
     return found
 
 
-def spread_over_minima(std: float, away: Sequence[float], likely: Sequence[float]) -> float:
+def spread_over_minima(
+    stds: Sequence[float], away: Sequence[float], likely: Sequence[float]
+) -> float:
     """Standard deviation whose 95 % interval holds 95 % of what several minima leave likely.
 
     Args:
-        std: of the number in each of them.
+        stds: standard deviation of the number in each of them, that which is told first.
         away: of each, its distance from the value that is told.
-        likely: of each, its likelihood, in one unit.
+        likely: of each, its probability, in one unit.
+
+    Returns:
+        No less than the first of ``stds``.
     """
     shares = [share / sum(likely) for share in likely]
-    low, high = std, std + max(away)
+    low, high = stds[0], max(stds) + max(away)
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         reach = _INTERVAL * middle
         held = sum(
             share * float(stats.norm.cdf(reach, d, std) - stats.norm.cdf(-reach, d, std))
-            for d, share in zip(away, shares, strict=True)
+            for std, d, share in zip(stds, away, shares, strict=True)
+            if share > 0.0
         )
         low, high = (low, middle) if held > _HELD else (middle, high)
     return high

@@ -68,7 +68,9 @@ def knowing_other_minima(model: Model, judge: NoiseJudge, made: Fit, terms: Sequ
             continue
         lucky = [LUCK if d > NARROW * std[name] else 0.0 for d in away]
         behind = [max(chi_square(f) - level - x, 0.0) for f, x in zip(near, lucky, strict=True)]
-        std[name] = spread_over_minima(std[name], away, [math.exp(-0.5 * b) for b in behind])
+        std[name] = spread_over_minima(
+            [std[name]] * len(near), away, [math.exp(-0.5 * b) for b in behind]
+        )
     return dataclasses.replace(best, std=std)
 
 

@@ -215,17 +215,22 @@ class Search:
                 outcome.tests = None
             if not outcome.accepted:
                 break
-            final = unsettled = outcome.final
-            final = settled(fit(final.model, final.layout, final.x, near=final))
-            best, outcome.modes = other_modes(final, outcome.accepted, self._rung(outcome))
-            outcome.final = best if best is final else settled(best)
-            far = best.chi_square < unsettled.chi_square - _LEAST_GAIN
+            unsettled = outcome.final
+            self._to_lowest(outcome)
+            far = outcome.final.chi_square < unsettled.chi_square - _LEAST_GAIN
             if not far or len(outcome.accepted) < 2:
                 break  # else beside numbers that were wrong a finding may have made up for them
         if outcome.accepted:
             outcome.final, outcome.factors = profiled(outcome.final, outcome.accepted)
         self._bare(outcome)
         return outcome
+
+    def _to_lowest(self, outcome: Outcome) -> None:
+        """The final model in its lowest minimum, and the others that are about as good."""
+        final = outcome.final
+        final = settled(fit(final.model, final.layout, final.x, near=final))
+        best, outcome.modes = other_modes(final, outcome.accepted, self._rung(outcome))
+        outcome.final = best if best is final else settled(best)
 
     @staticmethod
     def _rung(outcome: Outcome) -> list[dict[str, float]]:
@@ -537,7 +542,8 @@ class Search:
         judged = outcome.final
         check_held_out(outcome, self.thresholds, _MOST, self.windows[1])
         if outcome.accepted and outcome.final is not judged:
-            outcome.final, outcome.factors = profiled(settled(outcome.final), outcome.accepted)
+            self._to_lowest(outcome)
+            outcome.final, outcome.factors = profiled(outcome.final, outcome.accepted)
         _without_strayed_line(outcome)
 
 

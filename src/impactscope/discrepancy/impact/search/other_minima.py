@@ -22,12 +22,12 @@ from impactscope.discrepancy.evidence import spread_over_minima
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.candidates.motion_scales import LARGEST_FREQUENCY
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit, fits_from
-from impactscope.discrepancy.impact.search.screening import Screening
+from impactscope.discrepancy.impact.search.screening import Screening, Trial
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['lowest', 'other_modes', 'rung', 'widened']
+__all__ = ['lowest', 'other_modes', 'rung', 'weighed_by_width', 'widened']
 
 Array = NDArray[np.float64]
 
@@ -39,13 +39,15 @@ _HEAT, _ROUGHLY = 10, 1.0  # iterations of a fit from each start, and the fall a
 _BEHIND = 100.0  # of chi-square, over the reduced one, from which no end makes up for it
 _LAST, _SETTLED = 25, 0.1  # the same of fits that are brought to their end
 _NEAR = 0.2  # change of a logarithm, up to which slopes serve for another start
-_OPEN = 8.0  # of chi-square, over the reduced one, up to which a mode is not excluded
+_OPEN = 8.0  # of -2 log of its probability, over the likeliest, up to which a mode is not excluded
+_LUCK = 15.0  # of chi-square, over the reduced one, that a wide minimum may be behind a narrow one
 _EARLY = 0.1  # s after the onset, up to which contacts have amplified little
 _STRIDE = 4.0  # standard deviations
 _ALIKE = 0.3  # standard deviations, between two fits that are one
 _LOWEST = 15.0  # Hz, from which a frequency is scanned
-_APART = 0.04  # of its logarithm, between two that are tried
-_PEAKS = 3  # that are followed
+_APART = 0.04  # of its logarithm, between two that are tried where a line is narrow
+_BROADER = (1.0, 4.0)  # times the damping it starts from
+_PEAKS = 3  # that are followed, of each damping
 
 
 def rung(without: Fit, candidate: Candidate) -> list[dict[str, float]]:
@@ -53,16 +55,20 @@ def rung(without: Fit, candidate: Candidate) -> list[dict[str, float]]:
 
     ``without``: the fit that lacks it. Nothing where the candidate has no frequency.
     """
-    key = f'{candidate.label}.frequency'
+    key, ratio = f'{candidate.label}.frequency', f'{candidate.label}.damping_ratio'
     number = next((f for f in candidate.free if f.key == key), None)
     if number is None:
         return []
     highest = min(number.upper, LARGEST_FREQUENCY)
-    count = round(math.log(highest / _LOWEST) / _APART)
-    grid = np.geomspace(_LOWEST, highest, count)
     screening = Screening(without)
-    tops = screening.peaks(candidate, [{**candidate.starts[0], key: float(f)} for f in grid])
-    refined = in_parallel(lambda t: screening.best_refined([t]), tops[:_PEAKS])
+    start = dict(candidate.starts[0])
+    tops: list[Trial] = []
+    for broader in _BROADER if ratio in start else _BROADER[:1]:
+        at = start if broader == 1.0 else {**start, ratio: broader * start[ratio]}
+        count = round(math.log(highest / _LOWEST) / (_APART * broader))
+        grid = np.geomspace(_LOWEST, highest, count)
+        tops += screening.peaks(candidate, [{**at, key: float(f)} for f in grid])[:_PEAKS]
+    refined = in_parallel(lambda t: screening.best_refined([t]), tops)
     return [t.model.values(t.x) for t in refined]
 
 
@@ -94,7 +100,7 @@ def other_modes(
     best = min(found, key=lambda f: f.chi_square)
     if best.chi_square > final.chi_square - _BETTER:
         best = final
-    allowed = best.chi_square + _OPEN * max(1.0, best.reduced)
+    allowed = best.chi_square + (_OPEN + _LUCK) * max(1.0, best.reduced)
     modes: list[Fit] = []
     for mode in sorted(found, key=lambda f: f.chi_square):
         if mode is best or mode.chi_square > allowed:
@@ -170,23 +176,52 @@ def widened(
         parameters: as the best fit has them.
         tag: of their keys.
         best: the final fit.
-        modes: other fits about as good, each weighed by its likelihood.
+        modes: other fits about as good, each weighed by its probability, see
+            :func:`weighed_by_width`.
         factors: by key, how many times less well a number is known than slopes say.
     """
-    likely = [1.0, *(_likelihood(mode, best) for mode in modes)]
+    likely = weighed_by_width(best, modes, tag)
     result = dict(parameters)
     for name, item in parameters.items():
         key = f'{tag}.{name}'
         if key not in best.values or isinstance(item.value, str) or not item.std > 0.0:
             continue
         std = factors.get(key, 1.0) * item.std
+        stds = [std, *(mode.std(key) or std for mode in modes)]
         away = [0.0, *(abs(mode.values[key] - item.value) for mode in modes)]
         result[name] = ParameterEstimate(
-            item.value, spread_over_minima(std, away, likely), item.unit
+            item.value, spread_over_minima(stds, away, likely), item.unit
         )
     return result
 
 
-def _likelihood(mode: Fit, best: Fit) -> float:
-    worse = (mode.chi_square - best.chi_square) / max(1.0, best.reduced)
-    return math.exp(-0.5 * max(worse, 0.0))
+def weighed_by_width(best: Fit, modes: Sequence[Fit], tag: str) -> list[float]:
+    """Probability of each minimum over that of the likeliest; ``best`` first.
+
+    A minimum counts by its depth and by its width. Noise makes a narrow line at one of many
+    frequencies: it is deep, and few values lie in it (Laplace's method; MacKay, "Information
+    Theory, Inference, and Learning Algorithms", 2003, chapter 27).
+    """
+    spread = max(1.0, best.reduced)
+    weights = [_width(f, tag) - 0.5 * f.chi_square / spread for f in (best, *modes)]
+    most = max(weights)
+    likely = [math.exp(w - most) for w in weights]
+    excluded = math.exp(-0.5 * _OPEN)
+    return [share if share > excluded else 0.0 for share in likely]
+
+
+def _width(found: Fit, tag: str) -> float:
+    """Log of the volume that an effect's numbers may take, none wider than what is tried of it."""
+    free = found.model.free
+    own = [j for j, f in enumerate(free) if f.key.startswith(f'{tag}.') and f.blow is None]
+    if not own:
+        return 0.0
+    lower, upper = found.model.bounds()
+    tried = (upper[own] - lower[own]) / math.sqrt(12.0)
+    covariance = found.covariance()[np.ix_(own, own)]
+    unit = np.where(np.isfinite(tried), tried, [free[j].scale for j in own])
+    told = np.flatnonzero(np.diag(covariance) > 0.0)  # where it has no slope, nothing is told
+    precision = np.diag(np.where(np.isfinite(tried), 1.0, 0.0))
+    inner = covariance[np.ix_(told, told)] / np.outer(unit[told], unit[told])
+    precision[np.ix_(told, told)] += np.linalg.pinv(inner, rcond=1e-14, hermitian=True)
+    return -0.5 * float(np.linalg.slogdet(precision)[1])
