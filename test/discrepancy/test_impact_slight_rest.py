@@ -2,7 +2,9 @@
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
@@ -53,3 +55,33 @@ def test_what_shows_in_the_held_out_recording_alone_stands_beside_what_was_found
     assert 'role: fit' in answer.next_tests[0]
     force = answer.findings[0].parameters['force']
     assert abs(force.value - 2.0) < 3.0 * force.std
+
+
+def held_out(*sizes):
+    """Two held-out recordings of 1000 samples, missed by that many times the noise."""
+    spans = {0: slice(0, 1000), 1: slice(1000, 2000)}
+    residuals = np.concatenate([np.full(1000, size) for size in sizes])
+    layout = SimpleNamespace(blows=(0, 1), blow_spans=spans)
+    return SimpleNamespace(residuals=residuals, layout=layout)
+
+
+@pytest.mark.parametrize(
+    ('fitted', 'without', 'left', 'kept'),
+    [
+        (0.0, (1.0, 6.0), (1.0, 6.0), True),  # evident from stated numbers: nothing changes
+        (0.1, (1.05, 6.0), (1.0, 6.0), True),  # the recording that is met gains as expected
+        (0.1, (1.0, 6.0), (1.0, 6.0), False),  # and does not
+        (0.0, (1.0, 3.0), (1.0, 6.0), False),  # the findings are what misses
+        (0.0, (6.0, 6.0), (6.0, 6.0), False),  # none is met
+        (0.0, (1.0, 6.0), (1.06, 6.0), False),  # the one that is met gets worse
+    ],
+)
+def test_one_recording_may_show_what_no_other_does(fitted, without, left, kept):
+    outcome = SimpleNamespace(
+        accepted=['speed loss'],
+        baseline=SimpleNamespace(reduced=1.0 + fitted),
+        final=SimpleNamespace(reduced=1.0),
+        held_out_baseline=held_out(*without),
+        held_out_final=held_out(*left),
+    )
+    assert answers._one_is_another(outcome, 1.2, 9.0) is kept

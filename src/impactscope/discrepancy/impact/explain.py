@@ -75,6 +75,7 @@ _OTHER_WAYS = 'other ways to take the names of the baseline'
 _CERTAIN = 300.0  # of chi-square, that slow noise does not imitate unseen
 _FAR_BEHIND = 100.0  # of chi-square
 _SLIGHT = 0.01  # of the amplitude of findings, of what is left beside them
+_AS_MISSED = 0.9  # of the chi-square of a recording that findings have nothing to do with
 _BORNE_OUT = 0.5  # of what findings gain for a fitted sample, for one of what is held out
 _OUTDONE = 0.1  # odds of the findings against a law, below which the law is meant
 _INDISTINCT = 1.0  # square of the distance of residuals
@@ -356,9 +357,9 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> _Rest:
         return _Rest(
             True,
             'Something is missing that no known mechanism explains: held-out recordings are '
-            f'missed by {math.sqrt(held.reduced):.3g} times the noise.',
+            f'missed by {math.sqrt(held.reduced):.3g} times the noise{_most_of_all(held)}.',
             tests.p_value,
-            _borne_out(outcome),
+            _borne_out(outcome) or _one_is_another(outcome, allowed, thresholds.held_out_loss),
         )
     parts = []
     for (i, name), span in final.layout.spans.items():
@@ -398,6 +399,43 @@ def _borne_out(outcome: Outcome) -> bool:
         return False
     fitted = outcome.baseline.reduced - outcome.final.reduced
     return before.reduced - after.reduced > _BORNE_OUT * fitted > 0.0
+
+
+def _most_of_all(held: Fit) -> str:
+    """Which held-out recording is missed most; empty where there is one alone."""
+    if len(held.layout.blows) < 2:
+        return ''
+    left = {i: held.residuals[held.layout.blow_spans[i]] for i in held.layout.blows}
+    missed = {i: float(np.sqrt(np.mean(r**2))) for i, r in left.items() if r.size}
+    worst = max(missed, key=lambda i: missed[i])
+    return f', most of all {held.model.data.blows[worst].name} ({missed[worst]:.3g} times)'
+
+
+def _one_is_another(outcome: Outcome, allowed: float, loss: float) -> bool:
+    """Whether some held-out recordings are missed with and without what was found, and others met.
+
+    Those that are met must gain by the findings what the fitted ones let expect, but for a
+    ``loss`` of chi-square by chance. What is evident from stated numbers alone changes none.
+    """
+    before, after = outcome.held_out_baseline, outcome.held_out_final
+    if not outcome.accepted or before is None or after is None:
+        return False
+    gained = wanted = 0.0
+    met = False
+    fitted = (outcome.baseline.reduced - outcome.final.reduced) * _BORNE_OUT
+    for i in after.layout.blows:
+        left = after.residuals[after.layout.blow_spans[i]]
+        without = before.residuals[before.layout.blow_spans[i]]
+        if without.size != left.size:
+            return False
+        worse, better = float(without @ without), float(left @ left)
+        if better <= allowed * left.size:
+            met = True
+            gained += worse - better
+            wanted += fitted * left.size
+        elif worse < _AS_MISSED * better:
+            return False
+    return met and gained > wanted - loss
 
 
 def _law_instead(outcome: Outcome) -> tuple[float, str]:
