@@ -25,26 +25,31 @@ def force_at(time, blows):
     return total
 
 
-def accelerations(blows, law):
-    """Central differences at many steps a sample: another integrator than the one examined."""
+def accelerations(blows, law, stiffness=None):
+    """Central differences at many steps a sample: another integrator than the one examined.
+
+    ``stiffness``: N/m at each of these steps, where it is not the same.
+    """
     dt = 1.0 / (RATE * FINE)
+    spring = np.full(SAMPLES * FINE, STIFFNESS) if stiffness is None else stiffness
     force = force_at(dt * np.arange(SAMPLES * FINE), blows)
     x = v = 0.0
     out = np.empty(SAMPLES)
     half = 0.5 * dt
     for i, u in enumerate(force):
-        a = (u - STIFFNESS * x - DAMPING * v - law(x, v)) / MASS
+        a = (u - spring[i] * x - DAMPING * v - law(x, v)) / MASS
         if i % FINE == 0:
             out[i // FINE] = a
         middle = v + half * a
         x = x + dt * middle
-        ahead = force[min(i + 1, force.size - 1)]
-        v = middle + half * (ahead - STIFFNESS * x - DAMPING * middle - law(x, middle)) / MASS
+        ahead = min(i + 1, force.size - 1)
+        pull = spring[ahead] * x + DAMPING * middle + law(x, middle)
+        v = middle + half * (force[ahead] - pull) / MASS
     return out
 
 
-def made(seed, law=lambda _x, _v: 0.0, chain=lambda y: y, sensor=None, laws=None):
-    """Four recordings of one or two blows, the last held out."""
+def made(seed, law=lambda _x, _v: 0.0, chain=lambda y: y, sensor=None, laws=None, springs=None):
+    """Four recordings of one or two blows, the last held out; ``springs``: see above, of each."""
     rng = np.random.default_rng(seed)
     entries, channels = [], {}
     time = np.arange(SAMPLES) / RATE
@@ -52,7 +57,8 @@ def made(seed, law=lambda _x, _v: 0.0, chain=lambda y: y, sensor=None, laws=None
         blows = [(0.06, rng.uniform(5e-3, 9e-3), rng.uniform(30, 120), 1.6)]
         if i % 2:
             blows.append((0.32, rng.uniform(5e-3, 9e-3), rng.uniform(20, 60), 2.0))
-        output = chain(accelerations(blows, law if laws is None else laws[i]))
+        own = law if laws is None else laws[i]
+        output = chain(accelerations(blows, own, None if springs is None else springs[i]))
         output = output + NOISE * rng.standard_normal(SAMPLES)
         force = force_at(time, blows) + 0.01 * rng.standard_normal(SAMPLES)
         file = f'blow{i}.mcap'
@@ -137,6 +143,15 @@ def test_stiffness_that_differs_between_recordings_is_unknown():
     assert answer.accepted == ('unknown',)
     assert answer.unexplained
     assert 'recordings' in answer.summary()
+
+
+def test_stiffness_that_swings_does_not_wait_for_recordings_to_begin():
+    time = np.arange(SAMPLES * FINE) / (RATE * FINE)
+    turn = 2.0 * np.pi * 13.0 * time
+    springs = [STIFFNESS * (1.0 + 1e-3 * np.cos(turn + at)) for at in (0.4, 2.6, 4.4, 1.0)]
+    answer = explain_driven(made(12, springs=springs))
+    assert answer.accepted == ('unknown',)
+    assert 'swings at' in answer.unexplained_description
 
 
 def test_a_wrong_stated_mass_is_a_parameter():

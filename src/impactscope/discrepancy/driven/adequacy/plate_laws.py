@@ -152,13 +152,14 @@ def _swinging(p: _Plate, xs: Sequence[Array], times: Sequence[Array]) -> Iterato
     step = max(0.7 / p.longest, top / 60.0)
     for frequency in np.arange(0.5 * step, top, step):
         turn = 2.0 * math.pi * frequency
-        yield Group(
-            f'a stiffness that swings at {frequency:.3g} Hz',
-            [
-                p.answer([x * wave(turn * t) for x, t in zip(xs, times, strict=True)])
-                for wave in (np.sin, np.cos)
-            ],
-        )
+        law = f'a stiffness that swings at {frequency:.3g} Hz'
+        waves = [
+            [x * wave(turn * t) for x, t in zip(xs, times, strict=True)]
+            for wave in (np.sin, np.cos)
+        ]
+        yield Group(law, [p.answer(wave) for wave in waves])
+        if len(xs) > 1:  # what swings does not wait for recordings to begin
+            yield Group(law, [column for w in waves for column in p.alone(w, force=True)])
 
 
 def _repeating(p: _Plate, xs: Sequence[Array]) -> Iterator[Group]:
