@@ -132,6 +132,22 @@ def test_two_effects_that_tell_more_than_a_law_stay(monkeypatch):
     assert not said.left
 
 
+@pytest.mark.parametrize(('case_of', 'instead'), [('', True), ('rate_dependent_damper', False)])
+def test_a_mechanism_with_one_number_held_is_no_law_in_its_place(monkeypatch, case_of, instead):
+    """A rate that was tried may be the true one: its law has one number fewer."""
+    law = UnmodelledLaw('a force that relaxes', 2000.0, 1, case_of=case_of)
+    other = UnmodelledLaw('a stiffness that swings', 2.0, 8)
+    none, best = fitted((), 0), fitted(('rate_dependent_damper',), 4)
+    monkeypatch.setattr(
+        module,
+        'unmodelled_laws',
+        lambda _laws, _model, made, _: [law, other] if made is none else [other],
+    )
+    segments = [SimpleNamespace(held_out=False)]
+    said = verdict(None, None, none, best, (2002.0, 2002.0), segments)
+    assert said.instead is instead
+
+
 @pytest.mark.parametrize(('beside', 'instead'), [(30.0, True), (95.0, False)])
 def test_a_law_stands_beside_what_explains_far_more_with_it(monkeypatch, beside, instead):
     """Friction that fades: the fading alone looks better than the friction alone."""

@@ -15,6 +15,7 @@ from impactscope.discrepancy.driven.adequacy.unmodelled_laws import LOOKS, Group
 from impactscope.discrepancy.driven.fits.innovations import each_alone, innovations, joined
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.models.model import Model, Segment
+from impactscope.discrepancy.driven.models.relaxation import NAME as RELAXING
 
 __all__ = ['prescribed_laws']
 
@@ -71,7 +72,7 @@ def prescribed_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Ite
         for s, v in zip(chosen, vs, strict=True):
             keep = math.exp(-s.period * rate * ratio)
             late.append(signal.lfilter([1.0 - keep], [1.0, -keep], v))
-        yield Group('a force that relaxes', [column(late)])
+        yield Group('a force that relaxes', [column(late)], case_of=RELAXING)
     residuals = [innovations(segments[i], made.residuals[i]) for i in fitted]
     longest = chosen[0].period * max(r.size for r in residuals)
     highest = min(FASTEST, 0.5 / chosen[0].period)

@@ -75,6 +75,7 @@ class Group(NamedTuple):
     shaped: Shaped | None = None  # where it goes on between the shapes that are tried first
     differs: bool = False  # a column for each recording, which must differ to be such a law
     sought: int = 0  # independent laws of which it is the best one
+    case_of: str = ''  # the mechanism of the vocabulary that it is where one number is held
 
 
 Laws = Callable[[Model, Fit, Sequence[Segment]], Iterator[Group]]
@@ -92,6 +93,7 @@ class UnmodelledLaw:
     looks: int = LOOKS
     sought: int = 0  # independent laws of which it is the best one
     tried: int = LOOKS  # that were held against the fit beside these
+    case_of: str = ''  # the mechanism of the vocabulary that it is where one number is held
 
     @property
     def p_value(self) -> float:
@@ -137,7 +139,8 @@ def _line(residuals: Sequence[Array], period: float) -> UnmodelledLaw | None:
     # as unlikely as that of one number, the search over frequencies paid for
     chance = float(stats.chi2.logsf(power[best], 2 * len(residuals))) + math.log(longest)
     gain = float(stats.chi2.isf(math.exp(min(chance, 0.0)), 1)) if chance > -650.0 else 1300.0
-    return UnmodelledLaw(f'a line at {best / (length * period):.4g} Hz', gain, 1)
+    law = f'a line at {best / (length * period):.4g} Hz'
+    return UnmodelledLaw(law, gain, 1, case_of='mains_hum')
 
 
 def fitted_numbers(made: Fit, segments: Sequence[Segment]) -> int:
@@ -168,14 +171,14 @@ def unmodelled_laws(
         found.append(new)
 
     shapes: dict[str, tuple[float, Shaped]] = {}  # by the law, the best start
-    for law, columns, looks, shaped, differs, sought in laws(model, made, segments):
+    for law, columns, looks, shaped, differs, sought, case_of in laws(model, made, segments):
         tried += 1
         if differs and not _differ(here, columns, looks):
             continue
         new = _beside(here, sizes, law, columns, looks)
         if new is None:
             continue
-        keep(dataclasses.replace(new, sought=sought))
+        keep(dataclasses.replace(new, sought=sought, case_of=case_of))
         if shaped is not None and new.worth > shapes.get(law, (0.0, shaped))[0]:
             shapes[law] = new.worth, shaped
     for worth, shaped in shapes.values():
@@ -313,10 +316,14 @@ def verdict(
         segments: of all recordings.
         settled: gives a fit as it looks with an input as well known as may be.
     """
+    found = {term.name for term in best.terms}
 
     def sought(made: Fit) -> UnmodelledLaw:
         there = settled(made) if settled is not None else (made, segments)
-        return unmodelled_laws(laws, model, *there)[0]
+        listed = unmodelled_laws(laws, model, *there)
+        # beside what was found even the same law says more; in its place it says the same
+        other = (law for law in listed if made is best or law.case_of not in found)
+        return next(other, listed[0])
 
     alone = sought(baseline)
     if best is baseline:
