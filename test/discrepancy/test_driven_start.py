@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import signal
 from scipy.integrate import solve_ivp
 
 from impactscope.discrepancy.campaign import ChannelSamples
@@ -94,3 +95,41 @@ def test_a_weight_that_hangs_far_from_the_zero_is_begun_at_its_rest(rests):
     assert found['restoring_force/tilted.rest_angle'] == pytest.approx(rests, abs=0.06)
     assert found['stiffness'] == pytest.approx(35.0, rel=0.05)
     assert found['damping'] == pytest.approx(0.9, rel=0.1)
+
+
+def test_whether_a_recording_begins_in_motion_is_judged_by_the_motion_of_all_that_are_fitted():
+    """A strong recording that comes first and is held out had hidden that another one moves."""
+    mass, damping, stiffness, rate = 2.0, 6.0, 12_000.0, 1000.0
+    time = np.arange(2000) / rate
+    shaken = np.sin(2.0 * np.pi * 9.0 * time) + np.sin(2.0 * np.pi * 14.3 * time + 1.0)
+    system = signal.StateSpace(
+        [[0.0, 1.0], [-stiffness / mass, -damping / mass]],
+        [[0.0], [1.0 / mass]],
+        [[1.0, 0.0]],
+        [[0.0]],
+    )
+    rng = np.random.default_rng(8)
+    entries, channels = [], {}
+    for i, (size, begins) in enumerate(((30.0, 0.0), (3.0, 0.0), (3.0, 1.2e-4))):
+        file = f'run{i}.mcap'
+        force = size * shaken * np.minimum(1.0, time / 0.3) ** 2
+        x = signal.lsim(system, force, time, X0=[begins, 0.0])[1]
+        x = x + 1e-6 * rng.standard_normal(time.size)
+        entries.append({'file': file, 'role': 'fit' if i else 'hold_out'})
+        channels[file] = {
+            'force.shaker': ChannelSamples('force.shaker', 'N', rate, 0.0, force),
+            'displacement.plate': ChannelSamples('displacement.plate', 'm', rate, 0.0, x),
+        }
+    whole = {
+        'version': 1,
+        'bench': {'kind': 'driven', 'input': 'force.shaker', 'outputs': ['displacement.plate']},
+        'model': {'modes': 1},
+        'baseline': ['linear_sensor'],
+        'recordings': entries,
+    }
+    campaign = parse_campaign(whole, 'shaken').with_samples(channels.__getitem__)
+    begun = linear_start(campaign, [])
+    known = [own.size for own in begun.linear.starts]
+    assert known == [len(begun.model.starts(s)) for s in begun.segments]
+    assert known == [0, 0, 2]
+    assert begun.linear.starts[2][0] == pytest.approx(1.2e-4, rel=0.1)
