@@ -75,7 +75,7 @@ def test_rivals_are_close_to_a_finding_as_it_was_weighed_beside_them(
     )
     tried = SimpleNamespace(candidate=load, criterion=-118.0)
     monkeypatch.setattr(pruning, '_instead', lambda *_: tried)
-    monkeypatch.setattr(pruning, '_at_bottom', lambda _, item: item)
+    monkeypatch.setattr(pruning, 'at_bottom', lambda item, _: item)
     monkeypatch.setattr(pruning, '_relatives', lambda *_: [])
     pruning._swap(outcome, PUSH, [], beside)
     assert outcome.rivals[PUSH.label] == [tried]

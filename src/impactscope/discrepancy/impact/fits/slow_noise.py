@@ -3,9 +3,9 @@
 The quiet before a blow is short, and an impactor swings in it. Slow noise that is not seen there
 leaves what a coupling, a drift or a creeping force would leave, and passes for one. While a bench
 rests, no physics is at work: what a model leaves there is noise. Where the quiet before the blows
-is not white already, all that is left after them tells more of its colour. So it does of an
-impactor, which has no quiet, where the other channels are left with nothing but noise. Colours are
-compared by their likelihood, which Kalman's filter gives.
+is not white already, if only in another channel, all that is left after them tells more of its
+colour. So it does of an impactor, which has no quiet, where the other channels are left with
+nothing but noise. Colours are compared by their likelihood, which Kalman's filter gives.
 """
 
 from __future__ import annotations
@@ -70,8 +70,7 @@ class _Stretch:
 def noise_left(found: Fit) -> dict[str, Colour]:
     """Channels whose noise is slower than was taken into account, with what it is like."""
     slower = {}
-    blows = found.model.data.blows
-    coloured = {n for b in blows for n, c in b.channels.items() if c.colour is not None}
+    coloured = _coloured(found)
     for name in found.model.data.channels:
         stretches, known, rate = _at_rest(found, name)
         if sum(s.left.size for s, _ in stretches) < _FEWEST or known is None:
@@ -115,6 +114,12 @@ def likelier(found: Fit, instead: Fit, slower: Mapping[str, Colour], numbers: in
     return information(-2.0 * ahead, numbers, found.layout.size) < 0.0
 
 
+def _coloured(found: Fit) -> set[str]:
+    """Channels whose noise is not white already in the quiet before the blows."""
+    blows = found.model.data.blows
+    return {n for b in blows for n, c in b.channels.items() if c.colour is not None}
+
+
 def _others_met(found: Fit, name: str) -> bool:
     """Whether all channels but one are left with no more than noise."""
     parts = [found.residuals[s] for (_, other), s in found.layout.spans.items() if other != name]
@@ -136,6 +141,7 @@ def _at_rest(
     stretches: list[tuple[_Stretch, _Stretch | None]] = []
     known: Colour | None = None
     rate = math.nan
+    white = not _coloured(found)
     for i in found.layout.blows:
         blow = model.data.blows[i]
         channel = blow.channels.get(name)
@@ -146,7 +152,7 @@ def _at_rest(
         since = channel.centres - blow.onset
         mask = found.layout.masks[i, name]
         quiet = since < -_BEFORE
-        if np.any(mask & quiet) and channel.colour is None:
+        if np.any(mask & quiet) and white:
             mask = mask & (quiet | _resting(blow, predicted, channel.centres))
         else:
             mask = mask & (quiet | (since > _STRUCK))

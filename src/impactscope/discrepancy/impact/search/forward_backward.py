@@ -52,7 +52,7 @@ from impactscope.discrepancy.impact.search.outcome import (
 )
 from impactscope.discrepancy.impact.search.pairs import Pair, pairs
 from impactscope.discrepancy.impact.search.profile_likelihood import profiled
-from impactscope.discrepancy.impact.search.pruning import no_weight_along, prune
+from impactscope.discrepancy.impact.search.pruning import at_bottom, no_weight_along, prune
 from impactscope.discrepancy.impact.search.returns import swept
 from impactscope.discrepancy.impact.search.screening import Screening, Trial
 from impactscope.discrepancy.impact.search.strong_effects import (
@@ -89,6 +89,10 @@ _FAR_BEHIND = 100.0  # of chi-square, that the last digits of a fit do not make 
 _ROUGHLY = 1.0  # fall of chi-square at which a fit ends that only tells that
 _WORTH = 6.0  # of chi-square, that a number less is worth
 _PRUNED = 2  # rounds in which findings are asked for again
+_SIMPLER = (
+    2  # candidates in place of several findings, that are fitted from their lowest minima ...
+)
+_MISSED = 0.5  # ... where they lack no more than that share of what these explain
 _SOUND = 10.0  # times the chance from which what is left is no noise
 
 
@@ -356,6 +360,10 @@ class Search:
         chosen = 2.0 * math.log(len(listed)) * (len(outcome.accepted) - 1)
         reached = price - gain + chosen
         found = self._alone(start, current, others, len(listed), chosen + price)
+        if all(item.criterion > reached for item in found):
+            # later contacts fold the ground: what is not far behind may have stopped too early
+            most = current.chi_square + _MISSED * (start.chi_square - current.chi_square)
+            found[:_SIMPLER] = [at_bottom(item, most) for item in found[:_SIMPLER]]
         for item in found:
             if item.criterion > reached or item.refused or item.fit.reduced > QUIET:
                 continue

@@ -29,7 +29,7 @@ from impactscope.discrepancy.impact.search.strong_effects import (
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['drop_idle', 'no_weight_along', 'prune']
+__all__ = ['at_bottom', 'drop_idle', 'no_weight_along', 'prune']
 
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
 _RIVALS = 3  # that are
@@ -149,15 +149,15 @@ def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate], beside:
         known = {**outcome.final.values, **rival.fit.values}
         item = _instead(outcome, mine, rest, rival.candidate, known)
         if item is not None:
-            item = _at_bottom(outcome, item)
+            item = at_bottom(item, outcome.final.chi_square + _CLOSE)
             refitted.append(item)
     near = [f for f in (mine, *refitted) if f.criterion < mine.criterion + _TIED]
     refitted += _relatives(outcome, mine, rest, near, {f.candidate.name for f in refitted})
     refitted.sort(key=lambda f: f.criterion)
     outcome.rivals[candidate.label] = refitted
     if refitted and refitted[0].criterion < mine.criterion - _AHEAD:
-        mine = outcome.found[candidate.label] = _at_bottom(
-            outcome, dataclasses.replace(mine, fit=outcome.final)
+        mine = outcome.found[candidate.label] = at_bottom(
+            dataclasses.replace(mine, fit=outcome.final), math.inf
         )
         outcome.final = mine.fit
     if refitted and refitted[0].criterion < mine.criterion - _AHEAD:
@@ -169,11 +169,17 @@ def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate], beside:
         outcome.rivals[best.candidate.label] = [mine, *refitted[1:]]
 
 
-def _at_bottom(outcome: Outcome, item: Found) -> Found:
-    """A finding or a rival close to it, from the lowest of its minima that are seen nearby."""
+def at_bottom(item: Found, most: float) -> Found:
+    """A finding or a rival close to it, from the lowest of its minima that are seen nearby.
+
+    ``most``: chi-square from which it is too far behind.
+    """
     found = item.fit
-    close = found.chi_square < outcome.final.chi_square + _CLOSE
-    if not close or not item.candidate.free or not time_left('other minima of a rival'):
+    if (
+        found.chi_square > most
+        or not item.candidate.free
+        or not time_left('other minima of a rival')
+    ):
         return item
     best = lowest(found, [item.candidate])
     fallen = (found.chi_square - best.chi_square) / max(1.0, best.reduced)
