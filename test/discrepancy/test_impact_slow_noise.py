@@ -78,6 +78,13 @@ def test_slow_noise_of_the_impactor_alone_is_seen_once_the_model_is_off(clean):
     assert noise_left(again) == {}
 
 
+def test_channels_are_asked_again_where_one_of_them_shows_slow_noise(clean):
+    weak = with_slow_noise(clean, 'force', 0.15, 0.03, seed=7)
+    assert noise_left(baseline(weak)) == {}
+    both = with_slow_noise(weak, 'acceleration.impactor', 2.0, 0.2)
+    assert set(noise_left(baseline(both))) == {'acceleration.impactor', 'force'}
+
+
 def test_a_stated_noise_stands(clean):
     stated = dataclasses.replace(clean, noise_std=WHITE)
     left = noise_left(baseline(with_slow_noise(clean, 'acceleration.impactor', 2.0, 0.2)))

@@ -68,25 +68,41 @@ class _Stretch:
 
 
 def noise_left(found: Fit) -> dict[str, Colour]:
-    """Channels whose noise is slower than was taken into account, with what it is like."""
-    slower = {}
-    coloured = _coloured(found)
-    for name in found.model.data.channels:
-        stretches, known, rate = _at_rest(found, name)
-        if sum(s.left.size for s, _ in stretches) < _FEWEST or known is None:
-            continue
-        gain = _GAIN_BESIDE if coloured - {name} else _GAIN
-        best = _slower([s for s, _ in stretches], known, rate, gain)
-        if best is None:
-            continue
-        quiet = [q for _, q in stretches if q is not None]
-        if quiet:
-            borne_out = _likelihood(quiet, best) > _likelihood(quiet, known) - _DENIED
-        else:
-            borne_out = _others_met(found, name)
-        if borne_out:
-            slower[name] = best
+    """Channels whose noise is slower than was taken into account, with what it is like.
+
+    Channels of one converter have noise of one kind: where one shows it, others are asked again.
+    """
+    slower: dict[str, Colour] = {}
+    known: set[str] | None = None
+    while known is None or known != set(slower):
+        known = set(slower)
+        coloured = _coloured(found) | known
+        for name in found.model.data.channels:
+            if name not in slower:
+                best = _slower_than_known(found, name, beside=bool(coloured - {name}))
+                if best is not None:
+                    slower[name] = best
     return slower
+
+
+def _slower_than_known(found: Fit, name: str, *, beside: bool) -> Colour | None:
+    """The noise of a channel where it is slower than is known.
+
+    ``beside``: that of another channel is not white.
+    """
+    stretches, known, rate = _at_rest(found, name, beside=beside)
+    if sum(s.left.size for s, _ in stretches) < _FEWEST or known is None:
+        return None
+    gain = _GAIN_BESIDE if beside else _GAIN
+    best = _slower([s for s, _ in stretches], known, rate, gain)
+    if best is None:
+        return None
+    quiet = [q for _, q in stretches if q is not None]
+    if quiet:
+        borne_out = _likelihood(quiet, best) > _likelihood(quiet, known) - _DENIED
+    else:
+        borne_out = _others_met(found, name)
+    return best if borne_out else None
 
 
 def likelier(found: Fit, instead: Fit, slower: Mapping[str, Colour], numbers: int = 1) -> bool:
@@ -103,8 +119,9 @@ def likelier(found: Fit, instead: Fit, slower: Mapping[str, Colour], numbers: in
     """
     ahead = 0.0
     for name, colour in slower.items():
-        mine, known, rate = _at_rest(found, name)
-        other, _, _ = _at_rest(found, name, instead)
+        beside = len(slower) > 1
+        mine, known, rate = _at_rest(found, name, beside=beside)
+        other, _, _ = _at_rest(found, name, instead, beside=beside)
         if known is None or not mine:
             return False
         with_findings = [s for s, _ in mine]
@@ -128,12 +145,13 @@ def _others_met(found: Fit, name: str) -> bool:
 
 
 def _at_rest(
-    found: Fit, name: str, instead: Fit | None = None
+    found: Fit, name: str, instead: Fit | None = None, *, beside: bool = False
 ) -> tuple[list[tuple[_Stretch, _Stretch | None]], Colour | None, float]:
     """What is left of a channel while nothing moves, the noise as it was taken, the rate.
 
     Of each blow all of it, and what lies before the blow where that is compared at all; of another
-    fit ``instead`` what it leaves of the same stretches.
+    fit ``instead`` what it leaves of the same stretches. ``beside``: the noise of another channel
+    is not white.
     """
     model, values = found.model, found.values
     instead = found if instead is None else instead
@@ -141,7 +159,7 @@ def _at_rest(
     stretches: list[tuple[_Stretch, _Stretch | None]] = []
     known: Colour | None = None
     rate = math.nan
-    white = not _coloured(found)
+    white = not beside and not _coloured(found)
     for i in found.layout.blows:
         blow = model.data.blows[i]
         channel = blow.channels.get(name)
