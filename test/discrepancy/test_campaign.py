@@ -43,6 +43,12 @@ def changed(path, value):
     return data
 
 
+def test_gravity_is_that_of_the_site_where_it_is_stated():
+    assert parse_campaign(IMPACT, 'bench').gravity == 9.80665
+    there = {**IMPACT, 'bench': {**IMPACT['bench'], 'gravity': 9.832}}
+    assert parse_campaign(there, 'bench').gravity == 9.832
+
+
 def test_a_whole_description_is_read():
     campaign = parse_campaign(IMPACT, 'bench')
     assert campaign.kind is CampaignKind.IMPACT
@@ -86,6 +92,8 @@ def test_other_kinds_keep_what_only_they_have(kind):
         (['version'], 2, 'version is 2'),
         (['bench', 'kind'], 'shaken', "'shaken'"),
         (['bench', 'orientation'], 'diagonal', "'diagonal'"),
+        (['bench', 'gravity'], 981.0, 'gravity is 981; it must be in m/s'),
+        (['bench', 'gravity'], 'g', "gravity is 'g'"),
         (['sensor', 'stiffness'], 'stiff', "'stiff'"),
         (['sensor', 'stiffness'], {'value': 1.0, 'std': -1.0}, 'negative'),
         (['sensor', 'stiffness'], {'value': 69.0, 'unit': 'kg'}, "'kg'.*N/mm"),

@@ -12,6 +12,7 @@ from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.candidates.stated_numbers import wrong_numbers
 from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.models.bench_parameters import describe
 from impactscope.physics.twin import layout as at
 
 
@@ -74,3 +75,12 @@ def test_another_weight_than_the_simulation_has_is_a_wrong_number(campaign):
     assert weight['name'] == 'gravity_load'
     assert weight['values']['added_weight'] == numbers['value'].value
     assert explain(stated(campaign, **weight['values'])).accepted == ()
+
+
+def test_a_pendulum_swings_in_the_gravity_of_the_site(campaign):
+    data = prepare(campaign)
+    there = dataclasses.replace(campaign, gravity=1.003 * campaign.gravity)
+    plain, more = (baseline_model(c, data) for c in (campaign, there))
+    assert load_of(more) == pytest.approx(1.003 * load_of(plain))
+    _, blow = describe(more.values(more.start()), data.blows[1], 1)
+    assert blow.pendulum.gravity == there.gravity

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.errors import ConfigurationError, MissingChannelError
-from impactscope.physics.pendulum import Orientation
+from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation
 from impactscope.records import ImpactEvent
 
 __all__ = [
@@ -160,8 +160,9 @@ class BaselineItem:
 class Campaign:
     """A campaign. ``sensor``, ``damper`` and ``pendulum`` hold what is stated, by name.
 
-    ``bench`` and ``model`` are the mappings of the file, for what only some kinds have:
-    input, outputs, reference, controller, motion, output; modes, restoring, ...
+    ``gravity``: of the site, m/s². ``bench`` and ``model`` are the mappings of the file, for what
+    only some kinds have: input, outputs, reference, controller, motion, output; modes, restoring,
+    and so on.
     """
 
     name: str
@@ -169,6 +170,7 @@ class Campaign:
     recordings: tuple[CampaignRecording, ...]
     baseline: tuple[BaselineItem, ...]
     orientation: Orientation | None = None
+    gravity: float = STANDARD_GRAVITY
     sensor: Mapping[str, Quantity] = field(default_factory=dict)
     damper: Mapping[str, Any] | None = None  # parallel_stiffness: Quantity, branches: [...]
     pendulum: Mapping[str, Quantity] = field(default_factory=dict)

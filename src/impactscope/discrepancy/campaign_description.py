@@ -21,7 +21,7 @@ from impactscope.discrepancy.campaign import (
     Role,
 )
 from impactscope.errors import ConfigurationError
-from impactscope.physics.pendulum import Orientation
+from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation
 
 __all__ = ['parse_campaign', 'unit_factor']
 
@@ -29,6 +29,7 @@ CAMPAIGN_VERSION = 1
 # A layer of which nothing is stated: one branch beside a spring, both to be estimated.
 UNKNOWN_LAYER = {'parallel_stiffness': None, 'branches': [{'stiffness': None, 'damping': None}]}
 BLOW_KINDS = ('tap', 'pendulum', 'robot', 'drop')
+_ON_EARTH = (9.75, 9.85)  # m/s^2, from high mountains near the equator to the poles
 DESCRIPTIONS = ('name', 'title', 'description', 'notes', 'date', 'model', 'serial')  # not read
 
 # Of what a campaign states, not of channels: there g is gravity and stiffness no channel.
@@ -120,6 +121,7 @@ def parse_campaign(data: Any, name: str = 'campaign') -> Campaign:
         recordings=recordings,
         baseline=baseline,
         orientation=orientation,
+        gravity=_gravity(bench),
         sensor=sensor,
         damper=damper,
         pendulum=pendulum,
@@ -234,6 +236,18 @@ def _check_roles(bench: _Mapping, kind: CampaignKind) -> None:
                 f'{bench.where}.{key} is {value!r}; it must name '
                 f'{"channels" if key == "outputs" else "a channel"}'
             )
+
+
+def _gravity(bench: _Mapping) -> float:
+    """The acceleration of free fall of the site; on the ground it is between these everywhere."""
+    where = f'{bench.where}.gravity'
+    value = _number(bench.data.get('gravity', STANDARD_GRAVITY), where)
+    low, high = _ON_EARTH
+    if not low < value < high:
+        raise ConfigurationError(
+            f'{where} is {value:g}; it must be in m/s^2, between {low:g} and {high:g}'
+        )
+    return value
 
 
 def _orientation(bench: _Mapping, kind: CampaignKind, notes: list[str]) -> Orientation | None:

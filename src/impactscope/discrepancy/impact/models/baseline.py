@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.campaign import BaselineItem, Campaign, Quantity
 from impactscope.discrepancy.impact.data.blows import BlowData, CampaignData
 from impactscope.discrepancy.impact.models.bench_model import ActiveEffect, Free, ImpactModel
-from impactscope.discrepancy.impact.models.bench_parameters import ADDED_WEIGHT, WEIGHT
+from impactscope.discrepancy.impact.models.bench_parameters import ADDED_WEIGHT, GRAVITY, WEIGHT
 from impactscope.physics.mechanisms.registry import mechanism
-from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum
+from impactscope.physics.pendulum import Orientation, Pendulum
 
 Array = NDArray[np.float64]
 
@@ -62,6 +62,7 @@ def baseline_model(campaign: Campaign, data: CampaignData) -> ImpactModel:
     free: list[Free] = []
     horizontal = campaign.orientation is Orientation.HORIZONTAL
     constants['orientation'] = float(horizontal)
+    constants[GRAVITY] = campaign.gravity
     for name, (start, scale, low, high) in _SENSOR.items():
         quantity = campaign.sensor.get(name, Quantity())
         _number(f'sensor.{name}', quantity, (start, scale, low, high), constants, free)
@@ -180,7 +181,7 @@ def _blow(
     speed = recording.speed, recording.uncertainty('speed')
     height = recording.drop_height
     if math.isfinite(height) and not math.isfinite(recording.speed):
-        fallen = math.sqrt(2 * STANDARD_GRAVITY * height)
+        fallen = math.sqrt(2 * campaign.gravity * height)
         speed = fallen, 0.5 * fallen * recording.uncertainty('drop_height') / height
     for key, (value, std), start in (('impactor_mass', mass, 1.5), ('speed', speed, 0.4)):
         prior = (value, std) if math.isfinite(value) else None
@@ -271,4 +272,4 @@ def _implied_weight(
 def _pendulum(values: Mapping[str, float], i: int) -> Pendulum:
     distance = values.get(f'mass_distance@{i}', 0.15)
     numbers = {name: values[f'pendulum.{name}'] for name in _PENDULUM}
-    return Pendulum(**numbers, mass_distance=distance)
+    return Pendulum(**numbers, mass_distance=distance, gravity=values[GRAVITY])

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.impact.data.binning import BinnedChannel
 from impactscope.discrepancy.impact.data.blows import CampaignData
 from impactscope.discrepancy.impact.models.bench_parameters import (
+    GRAVITY,
     after_loss,
     describe,
     follow_weight,
@@ -36,6 +37,7 @@ from impactscope.discrepancy.impact.models.standardised_residuals import standar
 from impactscope.discrepancy.impact.noise.whitening import Whitener, whitener
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.physics.mechanisms.registry import mechanism
+from impactscope.physics.pendulum import STANDARD_GRAVITY
 from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.assembly import Effect, assemble
 from impactscope.physics.twin.bench import (
@@ -504,7 +506,11 @@ class ImpactModel:
                 continue
             numbers = self._numbers(values, active, i)
             if active.name in _WEIGHTS and not follow_weight(
-                numbers, blow, bench, weight_as_stated(values, active.tag)
+                numbers,
+                blow,
+                bench,
+                weight_as_stated(values, active.tag),
+                values.get(GRAVITY, STANDARD_GRAVITY),
             ):
                 continue
             if active.name == 'stribeck_friction':

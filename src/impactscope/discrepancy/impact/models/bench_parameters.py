@@ -23,6 +23,7 @@ from impactscope.physics.twin.bench import (
 
 __all__ = [
     'ADDED_WEIGHT',
+    'GRAVITY',
     'LARGE_ANGLES',
     'LOSSES',
     'LOSS_OF',
@@ -38,6 +39,9 @@ WEIGHT, ADDED_WEIGHT = 'weight', 'added_weight'
 
 LARGE_ANGLES = 'pendulum.large_angles'
 """Above 0: the pendulum's weight acts with cosine and sine of the swing."""
+
+GRAVITY = 'gravity'
+"""Of the site, m/s²; standard gravity where it is not among the values."""
 LOSS_OF = 'contact.loss_of'
 """What the loss of a bare contact is a constant of: place among `LOSSES`."""
 LOSSES: tuple[LossOf, ...] = get_args(LossOf)
@@ -66,12 +70,19 @@ def weight_as_stated(values: Mapping[str, float], tag: str) -> tuple[float, floa
 
 
 def follow_weight(
-    numbers: dict[str, float], blow: Blow, bench: Bench, as_stated: tuple[float, float]
+    numbers: dict[str, float],
+    blow: Blow,
+    bench: Bench,
+    as_stated: tuple[float, float],
+    gravity: float,
 ) -> bool:
-    """Fill in a weight that is to follow from geometry or mass; False: none acts."""
+    """Fill in a weight that is to follow from geometry or mass; False: none acts.
+
+    ``gravity``: of the site, m/s².
+    """
     share, more = as_stated
     if isinstance(blow, RobotBlow) and math.isnan(numbers.get('force', 0.0)):
-        numbers['force'] = share * blow.effective_mass * STANDARD_GRAVITY + more
+        numbers['force'] = share * blow.effective_mass * gravity + more
     if not isinstance(blow, PendulumBlow):
         return True
     pendulum, horizontal = blow.pendulum, bench.orientation is Orientation.HORIZONTAL
@@ -125,6 +136,7 @@ def describe(values: Mapping[str, float], data: BlowData, i: int) -> tuple[Bench
             contact_distance=of('pendulum.contact_distance'),
             moving_mass=of('pendulum.moving_mass'),
             mass_distance=of('mass_distance'),
+            gravity=of(GRAVITY, STANDARD_GRAVITY),
         )
         large = of(LARGE_ANGLES, 0.0) > 0.0
         return bench, PendulumBlow(pendulum, math.radians(of('angle')), large_angles=large)
