@@ -9,6 +9,7 @@ import pytest
 
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.models.bench_model import Free
+from impactscope.discrepancy.impact.search import forward_backward as searching
 from impactscope.discrepancy.impact.search import pruning
 from impactscope.discrepancy.impact.search.outcome import Found, Outcome
 
@@ -71,7 +72,7 @@ def test_rivals_are_close_to_a_finding_as_it_was_weighed_beside_them(
         accepted=[PUSH],
         found={PUSH.label: since},
         rivals={PUSH.label: [rival]},
-        final=SimpleNamespace(values={}),
+        final=SimpleNamespace(values={}, chi_square=1000.0),
     )
     tried = SimpleNamespace(candidate=load, criterion=-118.0)
     monkeypatch.setattr(pruning, '_instead', lambda *_: tried)
@@ -145,3 +146,39 @@ def test_a_load_along_the_swing_of_a_pendulum_is_a_push(
     assert outcome.found[named].criterion == -40.0
     assert outcome.rivals[named][0].criterion == -20.0
     assert outcome.final is (other if named == 'external_push' else final)
+
+
+@pytest.mark.parametrize(
+    ('fallen', 'alone', 'stays'),
+    [
+        (0.0, 130.0, True),
+        (60.0, 130.0, False),  # its fit had stopped early
+        (60.0, 190.0, True),  # it explains too little for that to be looked at
+    ],
+)
+def test_one_effect_in_place_of_two_counts_from_its_lowest_minimum(
+    monkeypatch: pytest.MonkeyPatch, fallen: float, alone: float, stays: bool
+) -> None:
+    """Two wrong numbers leave 100 of the 200 of chi-square; a push alone stopped at more."""
+    first, second = wrong_number(), dataclasses.replace(wrong_number(), label='another number')
+    push = dataclasses.replace(PUSH, name='a push', free=first.free)
+    layout = SimpleNamespace(size=1000)
+
+    def at(level: float) -> SimpleNamespace:
+        return SimpleNamespace(chi_square=level, reduced=1.0, values={}, layout=layout)
+
+    current, start = at(100.0), at(200.0)
+    outcome = Outcome(start, current, [first, second])
+    outcome.found = {c.label: Found(c, current, 50.0, 1e-9, -40.0) for c in (first, second)}
+    monkeypatch.setattr(searching, 'with_findings', lambda *_: start)
+    monkeypatch.setattr(searching, 'candidates', lambda *_: [push] * 50)
+    monkeypatch.setattr(pruning, 'lowest', lambda fit, _: at(fit.chi_square - fallen))
+    search = searching.Search(())
+    gain = 200.0 - alone
+    tried = Found(push, at(alone), gain, 1e-9, push.price(gain, layout.size) - gain)
+    monkeypatch.setattr(search, '_alone', lambda *_: [tried])
+    search._simpler(current, outcome)
+    assert (outcome.accepted == [first, second]) is stays
+    if not stays:
+        assert outcome.accepted == [push]
+        assert outcome.found[push.label].fit.chi_square == alone - fallen
