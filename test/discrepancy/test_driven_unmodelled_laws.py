@@ -113,7 +113,20 @@ def test_the_best_of_few_laws_need_not_be_as_good_as_that_of_many(monkeypatch, t
     law = UnmodelledLaw('an echo', 19.0, 1, tried=tried)
     monkeypatch.setattr(module, 'unmodelled_laws', lambda *_: [law])
     none = fitted((), 0)
-    said = verdict(None, None, none, none, (0.0, 0.0), [SimpleNamespace(held_out=False)])
+    model = SimpleNamespace(terms=())
+    said = verdict(None, model, none, none, (0.0, 0.0), [SimpleNamespace(held_out=False)])
+    assert said.left is left
+
+
+@pytest.mark.parametrize(('known', 'left'), [((), True), (('rate_dependent_damper',), False)])
+def test_what_the_search_has_not_believed_is_nothing_unknown(monkeypatch, known, left):
+    """A mechanism of the library is held to the search's own threshold, which is stricter."""
+    law = UnmodelledLaw('a force that relaxes', 26.0, 1, case_of='rate_dependent_damper')
+    weak = UnmodelledLaw('a stiffness that swings', 4.0, 2)
+    monkeypatch.setattr(module, 'unmodelled_laws', lambda *_: [law, weak])
+    none = fitted((), 0)
+    model = SimpleNamespace(terms=[SimpleNamespace(name=name) for name in known])
+    said = verdict(None, model, none, none, (0.0, 0.0), [SimpleNamespace(held_out=False)])
     assert said.left is left
 
 

@@ -139,8 +139,7 @@ def _line(residuals: Sequence[Array], period: float) -> UnmodelledLaw | None:
     # as unlikely as that of one number, the search over frequencies paid for
     chance = float(stats.chi2.logsf(power[best], 2 * len(residuals))) + math.log(longest)
     gain = float(stats.chi2.isf(math.exp(min(chance, 0.0)), 1)) if chance > -650.0 else 1300.0
-    law = f'a line at {best / (length * period):.4g} Hz'
-    return UnmodelledLaw(law, gain, 1, case_of='mains_hum')
+    return UnmodelledLaw(f'a line at {best / (length * period):.4g} Hz', gain, 1)
 
 
 def fitted_numbers(made: Fit, segments: Sequence[Segment]) -> int:
@@ -316,13 +315,16 @@ def verdict(
         segments: of all recordings.
         settled: gives a fit as it looks with an input as well known as may be.
     """
-    found = {term.name for term in best.terms}
+    # of what the search has held against all others, or has found, a law says nothing new
+    known = {term.name for term in (model.terms if best is baseline else best.terms)}
+    known -= {term.name for term in baseline.terms}
 
     def sought(made: Fit) -> UnmodelledLaw:
         there = settled(made) if settled is not None else (made, segments)
         listed = unmodelled_laws(laws, model, *there)
         # beside what was found even the same law says more; in its place it says the same
-        other = (law for law in listed if made is best or law.case_of not in found)
+        beside = made is best is not baseline
+        other = (law for law in listed if beside or law.case_of not in known)
         return next(other, listed[0])
 
     alone = sought(baseline)
