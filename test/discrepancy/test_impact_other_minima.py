@@ -140,3 +140,30 @@ def test_findings_are_pruned_again_beside_numbers_that_turned_out_otherwise(
     search._finished(outcome)
     assert len(pruned) == times
     assert outcome.final is better
+
+
+@pytest.mark.parametrize(('fallen', 'anew'), [(20.0, True), (0.3, False)])
+def test_what_held_out_recordings_bring_is_taken_to_its_lowest_minimum(monkeypatch, fallen, anew):
+    finding = SimpleNamespace(name='base', free=(), channel='', label='base')
+    data = SimpleNamespace(held_out=(3,))
+    model = SimpleNamespace(data=data)
+    levels = 2000.0, 1990.0, 1990.0 - fallen
+    without, brought, lowest_one = (
+        SimpleNamespace(model=model, layout=None, x=None, chi_square=c) for c in levels
+    )
+    outcome = Outcome(without, without, [])
+
+    def bring(judged, *_):
+        judged.accepted.extend([finding, finding])
+        judged.final, judged.held_out_final = brought, 'as it was brought'
+
+    monkeypatch.setattr(searching, 'check_held_out', bring)
+    monkeypatch.setattr(searching, 'fit', lambda *_, **__: brought)
+    monkeypatch.setattr(searching, 'settled', lambda f: f)
+    monkeypatch.setattr(searching, 'other_modes', lambda *_: (lowest_one, [brought]))
+    monkeypatch.setattr(searching, 'profiled', lambda f, _: (f, {}))
+    monkeypatch.setattr(searching, 'held_out_fit', lambda f, *_: f)
+    searching.Search(()).check(outcome)
+    assert outcome.final is lowest_one
+    assert outcome.modes == [brought]
+    assert outcome.held_out_final == (lowest_one if anew else 'as it was brought')

@@ -26,6 +26,7 @@ from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.fits.growing_windows import (
     fit_baseline,
     followed,
+    held_out_fit,
     with_repeatability,
 )
 from impactscope.discrepancy.impact.fits.least_squares import Fit, at_point, fit, settled
@@ -88,10 +89,9 @@ _LEAST_CHANCE = 0.0027  # that noise alone gives it as much, whatever its number
 _FAR_BEHIND = 100.0  # of chi-square, that the last digits of a fit do not make up for
 _ROUGHLY = 1.0  # fall of chi-square at which a fit ends that only tells that
 _WORTH = 6.0  # of chi-square, that a number less is worth
+_MOVED = 1.0  # of chi-square, from which what is held out is predicted anew
 _PRUNED = 2  # rounds in which findings are asked for again
-_SIMPLER = (
-    2  # candidates in place of several findings, that are fitted from their lowest minima ...
-)
+_SIMPLER = 2  # candidates in place of several findings, that count from their lowest minima ...
 _MISSED = 0.5  # ... where they lack no more than that share of what these explain
 _SOUND = 10.0  # times the chance from which what is left is no noise
 
@@ -364,6 +364,7 @@ class Search:
             # later contacts fold the ground: what is not far behind may have stopped too early
             most = current.chi_square + _MISSED * (start.chi_square - current.chi_square)
             found[:_SIMPLER] = [at_bottom(item, most) for item in found[:_SIMPLER]]
+            found.sort(key=lambda f: f.criterion)
         for item in found:
             if item.criterion > reached or item.refused or item.fit.reduced > QUIET:
                 continue
@@ -550,9 +551,21 @@ class Search:
         judged = outcome.final
         check_held_out(outcome, self.thresholds, _MOST, self.windows[1])
         if outcome.accepted and outcome.final is not judged:
+            judged = outcome.final
             self._to_lowest(outcome)
             outcome.final, outcome.factors = profiled(outcome.final, outcome.accepted)
+            if outcome.final.chi_square < judged.chi_square - _MOVED:
+                self._predict_anew(outcome)
         _without_strayed_line(outcome)
+
+    @staticmethod
+    def _predict_anew(outcome: Outcome) -> None:
+        """The held-out recordings by numbers that another minimum has."""
+        held_out = outcome.final.model.data.held_out
+        with contextlib.suppress(ImpactscopeError):
+            predicted = held_out_fit(outcome.final, held_out, outcome.window)
+            if predicted is not None:
+                outcome.held_out_final = predicted
 
 
 def _without_strayed_line(outcome: Outcome) -> None:
