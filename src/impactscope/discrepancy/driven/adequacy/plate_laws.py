@@ -16,7 +16,7 @@ from scipy import signal
 
 from impactscope.discrepancy.driven.adequacy.cogging import periods_to_try
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import LOOKS, Group, Shaped
-from impactscope.discrepancy.driven.fits.innovations import innovations
+from impactscope.discrepancy.driven.fits.innovations import each_alone, joined
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.models.model import Model, Segment
 
@@ -35,7 +35,7 @@ class _Plate:
 
     def __init__(self, model: Model, made: Fit, segments: Sequence[Segment]) -> None:
         self.fitted = [i for i, s in enumerate(segments) if not s.held_out]
-        self.segments = segments
+        self.chosen = [segments[i] for i in self.fitted]
         self.motions = []
         for i in self.fitted:
             x, v = model.motion(made.values, made.terms, made.starts[i], segments[i])
@@ -59,22 +59,22 @@ class _Plate:
 
     def answer(self, forces: Sequence[Array]) -> Array:
         """Whitened output, shape (n,), of small forces that act on the plate."""
-        return self.output([signal.lfilter(self.above, self.below, f) for f in forces])
+        return self.output(self._filtered(forces))
 
     def output(self, changes: Sequence[Array]) -> Array:
         """Whitened changes of the output, shape (n,)."""
-        pairs = zip(changes, self.fitted, strict=True)
-        return np.concatenate([innovations(self.segments[i], c) for c, i in pairs])
+        return joined(self.chosen, changes)
 
     def of_motion(self, law: Callable[[Array, Array], Array]) -> Array:
         """Answer to a force that is a law of position and speed over their largest values."""
         return self.answer([law(x / self.position, v / self.speed) for x, v in self.motions])
 
-    def alone(self, shapes: Sequence[Array], *, force: bool) -> Iterator[Array]:
+    def alone(self, shapes: Sequence[Array], *, force: bool) -> list[Array]:
         """One column for each recording, zero in the others."""
-        for k in range(len(shapes)):
-            parts = [s if j == k else np.zeros(s.size) for j, s in enumerate(shapes)]
-            yield self.answer(parts) if force else self.output(parts)
+        return each_alone(self.chosen, self._filtered(shapes) if force else shapes)
+
+    def _filtered(self, forces: Sequence[Array]) -> list[Array]:
+        return [signal.lfilter(self.above, self.below, f) for f in forces]
 
 
 STATE: tuple[tuple[str, Callable[[Array, Array], Array]], ...] = (
@@ -109,20 +109,18 @@ def plate_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
         yield Group(name, [p.of_motion(law)])
     times: list[Array] = [p.period * np.arange(x.size, dtype=np.float64) for x, _ in p.motions]
     xs, vs = [x for x, _ in p.motions], [v for _, v in p.motions]
-    each = list(p.alone(xs, force=True))
+    each = p.alone(xs, force=True)
     yield Group('a stiffness that differs between recordings', each, differs=True)
-    yield Group(
-        'a damping that differs between recordings', list(p.alone(vs, force=True)), differs=True
-    )
+    yield Group('a damping that differs between recordings', p.alone(vs, force=True), differs=True)
     signs = [np.sign(v) for v in vs]
     yield Group(
         'a friction that differs between recordings',
-        list(p.alone(signs, force=True)),
+        p.alone(signs, force=True),
         differs=True,
     )
     yield Group(
         'an offset that differs between recordings',
-        list(p.alone([np.ones(x.size) for x in xs], force=False)),
+        p.alone([np.ones(x.size) for x in xs], force=False),
         differs=True,
     )
     yield Group(
@@ -167,7 +165,7 @@ def _repeating(p: _Plate, xs: Sequence[Array]) -> Iterator[Group]:
     span = float(np.ptp(np.concatenate(xs)))
     if not span > 0.0:
         return
-    unit = p.segments[0].unit
+    unit = p.chosen[0].unit
     tried = periods_to_try(xs, span)
     for turns in tried.tolist():
 
@@ -195,7 +193,7 @@ def _at_a_place(p: _Plate, xs: Sequence[Array], signs: Sequence[Array]) -> Itera
     span = float(np.ptp(every))
     if not span > 0.0:
         return
-    unit, lowest = p.segments[0].unit, float(np.min(every))
+    unit, lowest = p.chosen[0].unit, float(np.min(every))
     starts = [
         (lowest + (i + 0.5) * share * span, share * span)
         for share in BELLS

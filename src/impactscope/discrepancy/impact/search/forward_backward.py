@@ -551,10 +551,10 @@ class Search:
         judged = outcome.final
         check_held_out(outcome, self.thresholds, _MOST, self.windows[1])
         if outcome.accepted and outcome.final is not judged:
-            judged = outcome.final
+            brought = outcome.final
             self._to_lowest(outcome)
             outcome.final, outcome.factors = profiled(outcome.final, outcome.accepted)
-            if outcome.final.chi_square < judged.chi_square - _MOVED:
+            if outcome.final.chi_square < brought.chi_square - _MOVED:
                 self._predict_anew(outcome)
         _without_strayed_line(outcome)
 
