@@ -193,7 +193,7 @@ def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress
     described = describe(subject)
     if period is not None and described.accepted == ('unknown',):
         return _rippled(described, period, segments[0].unit)
-    if answer is None:
+    if answer is None or _leaves_more(answer, described):
         return described
     better = _leaves_far_less(answer, described) or (
         'unknown' in answer.accepted
@@ -205,11 +205,11 @@ def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress
 
 
 def _left_more(answer: Answer, made: Fit | None, segments: Sequence[Segment]) -> bool:
-    """Whether an answer leaves clearly more than a plainer fit, fitted and held out.
+    """Whether an answer leaves clearly more than a fit that is no richer, fitted and held out.
 
     What it takes for slow noise is then an error of its model.
     """
-    if made is None or len(answer.accepted) <= len(made.terms):
+    if made is None or len(answer.accepted) < len(made.terms):
         return False
     if not any(s.held_out for s in segments):
         return False
@@ -230,14 +230,25 @@ def _left_more(answer: Answer, made: Fit | None, segments: Sequence[Segment]) ->
 
 def _leaves_far_less(one: Answer, other: Answer) -> bool:
     """Whether what one answer found leaves less than half the power of the other's, throughout."""
-
-    def left(answer: Answer) -> list[float]:
-        fitted, held_out = answer.fit.extended.rmse, answer.fit.extended.held_out_rmse
-        return [rmse for part in (fitted, held_out) for _, rmse in sorted(part.items())]
-
-    mine, others = left(one), left(other)
+    mine, others = _left(one), _left(other)
     found = bool(set(one.accepted) - {'unknown'}) and len(mine) == len(others)
     return found and all(2.0 * a * a < b * b for a, b in zip(mine, others, strict=True))
+
+
+def _leaves_more(one: Answer, other: Answer) -> bool:
+    """Whether one answer leaves more than the other, throughout, for all that it names.
+
+    What it takes for noise of some colour is then an error of its model.
+    """
+    mine, others = _left(one), _left(other)
+    found = bool(set(one.accepted) - {'unknown'}) and len(mine) == len(others)
+    return found and all(a > b for a, b in zip(mine, others, strict=True))
+
+
+def _left(answer: Answer) -> list[float]:
+    """RMSE of an answer, of the fitted recordings and of those held out, channel by channel."""
+    fitted, held_out = answer.fit.extended.rmse, answer.fit.extended.held_out_rmse
+    return [rmse for part in (fitted, held_out) for _, rmse in sorted(part.items())]
 
 
 def _counted(segments: Sequence[Segment]) -> int:

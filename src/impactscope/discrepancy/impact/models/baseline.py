@@ -26,6 +26,7 @@ STRUCTURE = ('linear_sensor', 'zener_damper', 'hertz_contact')
 
 LETS_GO = 'unilateral_contact'
 
+_PUSHED = 0.25  # of its top, below which the acceleration of a tapped plate is no push any more
 _SENSOR = {  # start values and relative scales where a number is to be estimated
     'stiffness': (69_000.0, 0.01, 1e2, 1e8),
     'moving_mass': (1.5, 0.01, 1e-3, 1e3),
@@ -201,12 +202,15 @@ def _tap_start(blow: BlowData) -> tuple[float, float]:
     plate = blow.channels.get('acceleration.plate')
     if plate is not None:
         near = (plate.centres > blow.onset - 2e-3) & (plate.centres < blow.settled)
-        values, times = np.abs(plate.means[near]), plate.centres[near]
+        values, times = plate.means[near], plate.centres[near]
         if values.size > 3:
-            top = int(np.argmax(values))
-            wide = times[values > 0.5 * values[top]]
-            duration = float(np.clip(1.5 * (wide[-1] - wide[0]), 5e-4, 1.2 * duration))
-            return float(max(values[top] * 1.6, 1.0)), duration
+            top = int(np.argmax(np.abs(values)))
+            low = np.flatnonzero(values * np.sign(values[top]) < _PUSHED * abs(values[top]))
+            ahead, after = low[low < top], low[low > top]  # what rings on is no push
+            first = times[ahead[-1]] if ahead.size else times[0]
+            last = times[after[0]] if after.size else times[-1]
+            duration = float(np.clip(1.5 * (last - first), 5e-4, 1.2 * duration))
+            return float(max(abs(values[top]) * 1.6, 1.0)), duration
     force = blow.channels.get('force')
     top_force = float(np.max(np.abs(force.means))) if force is not None else 50.0
     impulse = 1.1 * top_force / (2 * math.pi * 32.0)
