@@ -113,7 +113,7 @@ def _saved(s: Subject, new: Sequence[Term], corrected: Sequence[Finding]) -> dic
         items.append({'name': term.name, 'values': values} if values else term.name)
     saved: dict[str, Any] = {'baseline': items, 'values': dict(best.values)}
     wrong = {str(f.parameters['name'].value) for f in corrected}
-    if any(name.endswith('.gain') or name.startswith('gain.') for name in wrong):
+    if any(n.endswith('.gain') or n == f'gain.{s.campaign.input_channel}' for n in wrong):
         # the recorded force stays as it is: beside it all that is stated is off by the same factor
         wrong.update(name for name, _ in STATED if name in s.campaign.sensor)
     told = _estimates(s, best, {k: n.unit for k, n in numbers_of(s.model, best.terms)})

@@ -20,7 +20,7 @@ from impactscope.discrepancy.driven.findings.subject import Subject
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.model_selection.chi_square import BETWEEN, DELAYING
 from impactscope.discrepancy.driven.models.measuring_chain import filter_of
-from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
+from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel, gain_of
 from impactscope.discrepancy.driven.models.relaxation import NAME as RELAXING
 from impactscope.discrepancy.driven.models.relaxation import TIME
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
@@ -52,6 +52,7 @@ ALIKE = 9.0  # chi-square that does not tell a delay's form
 HINT = 4.0  # chi-square a number that makes a richer rival more than a possibility
 AT_AN_END = 0.02  # of a number's scale, from the end of what it may be
 ONE_WAY = ('coulomb_friction', 'hysteresis', 'softening_spring', 'offset')  # friction, not turned
+OF_SENSORS = 0.005  # by which the gains of two sensors may differ, where nothing is known of them
 SUSPECT = 4.0  # standard uncertainties between a stated and a fitted number
 SAME_FACTOR = 2.5  # the same, between numbers that are off by one factor
 
@@ -475,7 +476,8 @@ def wrong_parameters(s: Subject) -> list[Finding]:
         ratios[name] = (value / stated, std / abs(stated)) if stated else (math.inf, math.inf)
         if abs(value - stated) > SUSPECT * std + floor:
             wrong.append(name)
-    if len(wrong) > 1 and (gain := _common_gain(s, list(ratios.values()))) is not None:
+    of_machine = [r for name, r in ratios.items() if not name.startswith('gain.')]
+    if len(wrong) > 1 and (gain := _common_gain(s, of_machine)) is not None:
         return [gain]
     return [
         _wrong(name, *ratios[name], f'The stated {name} is not that of the recordings{beside}.')
@@ -532,6 +534,11 @@ def _stated(s: Subject) -> Iterator[tuple[str, str, float, float]]:
             if term.name == 'wrong_parameter' and tolerance is not None:
                 yield 'gain', f'{term.label}.excess', 1.0, tolerance
         return
+    first, *others = dict.fromkeys(x.channel for x in s.segments)
+    for channel in others:
+        tolerance = math.hypot(*(s.campaign.gain_std_of(c) for c in (first, channel)))
+        tolerance = tolerance or OF_SENSORS
+        yield gain_of(channel), gain_of(channel), 1.0, tolerance
     if swings_freely(s):
         yield from _stated_per_mass(s)
         return

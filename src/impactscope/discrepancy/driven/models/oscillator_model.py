@@ -19,11 +19,16 @@ from impactscope.discrepancy.driven.models.mechanical_effects import enter
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.terms import Number, Term
 
-__all__ = ['OscillatorModel', 'inside_samples']
+__all__ = ['OscillatorModel', 'gain_of', 'inside_samples']
 
 Array = NDArray[np.float64]
 
 AT_REST = 0.02  # of the largest position and speed: what counts as a beginning at rest
+
+
+def gain_of(channel: str) -> str:
+    """Name of an output's gain over that of the first output."""
+    return f'gain.{channel}'
 
 
 def inside_samples(samples: Array, steps: int, *, held: bool) -> Array:
@@ -125,9 +130,10 @@ class OscillatorModel:
     ) -> Array:
         """Predicted channel, shape (n,)."""
         moved = self._run(values, terms, start, segment)[:, segment.derivative]
+        moved = values.get(gain_of(segment.channel), 1.0) * moved
         parts = {t.name: t for t in terms if t.output}
         if not parts:
-            return moved.copy()
+            return moved
         if 'clock_error' in parts:
             clock = parts['clock_error'].label
             offset, drift = values.get(f'{clock}.offset', 0.0), values.get(f'{clock}.drift', 0.0)

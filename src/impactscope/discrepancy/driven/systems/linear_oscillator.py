@@ -19,6 +19,7 @@ from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.oscillator_model import (
     AT_REST,
     OscillatorModel,
+    gain_of,
     inside_samples,
 )
 from impactscope.discrepancy.driven.models.terms import Number, Term
@@ -62,7 +63,10 @@ def linear_oscillator(
     best: tuple[float, OscillatorModel, Fit] | None = None
     for mass, damping, stiffness in starts:
         model = OscillatorModel(
-            _numbers(mass, damping, stiffness, cuts[0], spring=spring, free=free),
+            (
+                *_numbers(mass, damping, stiffness, cuts[0], spring=spring, free=free),
+                *_gains(cuts),
+            ),
             (),
             free,
             float(np.max(np.abs(cuts[0].output))) or 1.0,
@@ -237,6 +241,12 @@ def _numbers(
     if spring:
         numbers.append(Number('stiffness', f'{f}/{x}', (stiffness,), stiffness, 1e-6 * stiffness))
     return tuple(numbers)
+
+
+def _gains(cuts: Sequence[Cut]) -> list[Number]:
+    """Gains of further outputs over that of the first one, which mass and spring take up."""
+    first, *others = dict.fromkeys(c.channel for c in cuts)
+    return [Number(gain_of(channel), '1', (1.0,), 1e-3, 0.0) for channel in others]
 
 
 def _free_starts(cuts: Sequence[Cut]) -> list[tuple[float, float, float]]:

@@ -343,13 +343,15 @@ class Search:
         """One candidate in place of several, where over the whole window it does as well.
 
         In a short window a wrong number of the simulation may stand for what is missing, and the
-        next finding then for the difference.
+        next finding then for the difference; or a law for another that bends as much there.
         """
-        if len(outcome.accepted) < 2 or any(not c.free for c in outcome.accepted):
+        if not outcome.accepted or any(not c.free for c in outcome.accepted):
             return current
-        if not time_left('one effect in place of several'):
+        if not time_left('one effect in place of what was found'):
             return current
         start = with_findings(dataclasses.replace(outcome, final=current), [], current.layout)
+        if len(outcome.accepted) == 1 and not self._seen_in_part(start, current, outcome):
+            return current
         listed = candidates(start, self.baseline_names)
         names = {c.name for c in outcome.accepted}
         others = [c for c in listed if c.name not in names]
@@ -376,6 +378,16 @@ class Search:
             outcome.last = []
             return item.fit
         return current
+
+    @staticmethod
+    def _seen_in_part(start: Fit, current: Fit, outcome: Outcome) -> bool:
+        """Whether the one finding was made in a shorter window, beside nothing strong.
+
+        Then the whole window would not show by its misfit that it is another.
+        """
+        (alone,) = outcome.accepted
+        shorter = outcome.found[alone.label].fit.layout.size < current.layout.size
+        return shorter and start.reduced < QUIET
 
     def _alone(
         self, start: Fit, current: Fit, listed: Sequence[Candidate], looks: int, dearer: float

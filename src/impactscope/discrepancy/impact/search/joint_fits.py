@@ -177,7 +177,9 @@ class JointFits:
             best = screening.best_refined(found)
             # at full strength bounces need more re-tuning than a linear one: what it was when
             # weak counts, too
-            return dataclasses.replace(best, gain=max(best.gain, found[0].gain))
+            if best.gain > found[0].gain:
+                return best
+            return dataclasses.replace(best, gain=found[0].gain, by_slope=found[0].x)
 
         top = in_parallel(refined, tried[: 2 * _JOINT])
         return sorted(top, key=lambda t: t.gain, reverse=True)
@@ -214,6 +216,9 @@ class JointFits:
             quiet = joint.reduced < QUIET and trial.gain > least
             if astray and quiet and time_left('numbers that are hardly told apart'):
                 joint = settled(joint)
+                astray = current.chi_square - joint.chi_square < _KEPT * trial.gain
+                if astray:
+                    joint = _by_slope(trial, current, joint)
             if candidate.name == 'mains_hum' and not _everywhere(joint, current):
                 continue
             found.append(weigh(candidate, joint, current, looks))
@@ -291,6 +296,20 @@ class JointFits:
                 continue
             found.append(weigh(candidate, joint, current, looks))
         return found
+
+
+def _by_slope(trial: Trial, current: Fit, joint: Fit) -> Fit:
+    """The better of a joint fit and of one from where slopes have promised what it has not kept.
+
+    Brought to where it fits best beside numbers that are only re-tuned along their slopes, an
+    effect that these have to make room for is next to nothing; from there a fit hardly leads away.
+    """
+    if trial.by_slope is None:
+        return joint
+    with contextlib.suppress(ImpactscopeError):
+        other = fit(trial.model, current.layout, trial.by_slope, settled=0.1, near=current)
+        return min(joint, other, key=lambda f: f.chi_square)
+    return joint
 
 
 def _begins(

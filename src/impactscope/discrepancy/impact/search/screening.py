@@ -66,6 +66,7 @@ class Trial:
     signature: Array | None = None  # what it does at ``weak`` that no fitted number can re-tune
     weak: Mapping[str, float] = field(default_factory=dict)
     one_sided: bool = False  # whether its strength has one sign only
+    by_slope: Array | None = None  # another start, of which slopes promise the gain
 
 
 class Screening:
