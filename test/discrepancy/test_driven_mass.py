@@ -9,7 +9,7 @@ from impactscope.discrepancy.driven import explain_driven
 
 RATE, SAMPLES, FINE = 400.0, 2400, 16
 MASS, DAMPING, STIFFNESS = 2.0, 8.0, 2.0 * (2.0 * np.pi * 12.0) ** 2
-FORCE_NOISE, NOISE = 0.02, 2e-5  # N, m
+FORCE_NOISE, NOISE, SPEED_NOISE = 0.02, 2e-5, 1e-3  # N, m, m/s
 
 
 def campaign(recordings, bench=None, baseline='linear_sensor', **rest):
@@ -31,16 +31,21 @@ def campaign(recordings, bench=None, baseline='linear_sensor', **rest):
     return parse_campaign(data).with_samples(channels.__getitem__)
 
 
-def moved(
+def moved(*args, **kwargs):
+    """Positions, see :func:`course`."""
+    return course(*args, **kwargs)[:, 0]
+
+
+def course(
     force, cubic=0.0, start=0.0, mass=MASS, damping=DAMPING, stiffness=STIFFNESS, *, held=False
 ):
-    """Positions by the rule of Verlet with a small step, at every sixteenth of them."""
+    """Position and speed by the rule of Verlet with a small step, at every sixteenth of them."""
     step = 1.0 / (RATE * FINE)
     x, v, found = start, 0.0, []
     after = force if held else np.append(force[1:], force[-1])
     for k, (f, later) in enumerate(zip(force, after, strict=True)):
         if k % FINE == 0:
-            found.append(x)
+            found.append((x, v))
         pull = f - damping * v - stiffness * x - cubic * x**3
         half = v + 0.5 * step * pull / mass
         x += step * half
@@ -49,8 +54,11 @@ def moved(
     return np.array(found)
 
 
-def shaken(seed, cubic=0.0, add=lambda y, rng: y, cut=0):
-    """A plate on a shaker; with ``cut`` the recordings begin in motion."""
+def shaken(seed, cubic=0.0, add=lambda y, rng: y, cut=0, gain=None):
+    """A plate on a shaker; with ``cut`` the recordings begin in motion.
+
+    ``gain``: of a second output, the speed.
+    """
     rng = np.random.default_rng(seed)
     recordings = []
     for size in (20.0, 35.0, 28.0):
@@ -60,10 +68,17 @@ def shaken(seed, cubic=0.0, add=lambda y, rng: y, cut=0):
         spectrum[band] = np.exp(2j * np.pi * rng.random(lines))
         fine = np.fft.irfft(spectrum, SAMPLES * FINE)
         fine *= size / np.std(fine) * np.clip(np.arange(fine.size) / (0.05 * fine.size), 0, 1)
-        y = add(moved(fine, cubic) + NOISE * rng.standard_normal(SAMPLES), rng)
+        position, speed = course(fine, cubic).T
+        y = add(position + NOISE * rng.standard_normal(SAMPLES), rng)
         u = fine[::FINE] + FORCE_NOISE * rng.standard_normal(SAMPLES)
         recordings.append({'force.shaker': ('N', u[cut:]), 'displacement.plate': ('m', y[cut:])})
-    return campaign(recordings)
+        if gain is not None:
+            v = gain * speed + SPEED_NOISE * rng.standard_normal(SAMPLES)
+            recordings[-1]['velocity.plate'] = 'm/s', v
+    if gain is None:
+        return campaign(recordings)
+    outputs = ['displacement.plate', 'velocity.plate']
+    return campaign(recordings, {'kind': 'driven', 'input': 'force.shaker', 'outputs': outputs})
 
 
 @pytest.mark.parametrize('cut', [0, 700])
@@ -72,6 +87,22 @@ def test_nothing_is_missing_on_a_shaker(cut):
     assert answer.accepted == ()
     held = answer.fit.extended.held_out_rmse['displacement.plate']
     assert held < 1.15 * answer.fit.noise_floor['displacement.plate']
+
+
+def test_sensors_of_one_mass_may_differ_in_their_gains_as_far_as_they_are_calibrated():
+    answer = explain_driven(shaken(3, gain=0.993))
+    assert answer.accepted == ()
+    told = answer.baseline_parameters['gain.velocity.plate']
+    assert told.value == pytest.approx(0.993, abs=4.0 * told.std)
+
+
+def test_a_gain_that_no_calibration_leaves_open_is_a_wrong_number():
+    answer = explain_driven(shaken(4, gain=1.1))
+    assert answer.accepted == ('wrong_parameter',)
+    found = answer.ranking[0].parameters
+    assert found['name'].value == 'gain.velocity.plate'
+    assert found['ratio'].value == pytest.approx(1.1, abs=4.0 * found['ratio'].std)
+    assert answer.model['sensor'] == {}
 
 
 def test_a_weak_cube_that_no_share_of_the_residual_shows():

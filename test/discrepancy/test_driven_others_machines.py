@@ -282,6 +282,7 @@ def test_an_answer_that_leaves_more_than_a_plainer_one_is_none(fitted, held_out,
     fit = SimpleNamespace(extended=figures)
     answer = SimpleNamespace(fit=fit, accepted=('a',) * 5)
     assert _left_more(answer, made, segments) is more
+    assert _left_more(SimpleNamespace(fit=fit, accepted=('a',) * 3), made, segments) is more
     assert not _left_more(SimpleNamespace(fit=fit, accepted=('a',) * 2), made, segments)
     assert not _left_more(answer, None, segments)
     assert not _left_more(answer, made, segments[:1])

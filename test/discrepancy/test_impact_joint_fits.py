@@ -11,8 +11,9 @@ from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.fits.least_squares import at_point, fit, settled
 from impactscope.discrepancy.impact.models.baseline import baseline_model
-from impactscope.discrepancy.impact.search.joint_fits import JointFits
+from impactscope.discrepancy.impact.search.joint_fits import JointFits, _by_slope
 from impactscope.discrepancy.impact.search.outcome import weigh
+from impactscope.discrepancy.impact.search.screening import Trial
 from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import BareContact
 
@@ -126,3 +127,15 @@ def test_what_contacts_amplify_is_sought_from_little(make_campaign, seed):
         true['frequency'], abs=4.0 * found.fit.std(found.candidate.free[0].key)
     )
     assert found.fit.reduced < 1.05
+
+
+def test_a_fit_that_keeps_little_of_what_slopes_promise_sets_out_from_there(windows):
+    whole, before = windows
+    model, key = before.candidate.extend(whole.model), 'coulomb_friction.force'
+    faint, promised = (model.vector({**whole.values, key: force}) for force in (1e-5, 0.04))
+    stuck = at_point(model, whole.layout, faint)
+    trial = Trial(before.candidate, before.gain, model, faint, by_slope=promised)
+    found = _by_slope(trial, whole, stuck)
+    assert abs(found.values[key] - 0.05) < 4.0 * found.std(key)
+    assert _by_slope(dataclasses.replace(trial, by_slope=None), whole, stuck) is stuck
+    assert _by_slope(trial, whole, found) is found  # nothing better is there

@@ -182,3 +182,17 @@ def test_one_effect_in_place_of_two_counts_from_its_lowest_minimum(
     if not stays:
         assert outcome.accepted == [push]
         assert outcome.found[push.label].fit.chi_square == alone - fallen
+
+
+@pytest.mark.parametrize(
+    ('first', 'reduced', 'again'), [(900, 1.02, True), (1000, 1.02, False), (900, 3.0, False)]
+)
+def test_a_weak_effect_of_a_short_window_is_asked_for_again_over_the_whole_one(
+    first: int, reduced: float, again: bool
+) -> None:
+    """What is strong shows by its misfit that it is another; a weak one does not."""
+    made = SimpleNamespace(fit=SimpleNamespace(layout=SimpleNamespace(size=first)))
+    outcome = SimpleNamespace(accepted=[PUSH], found={PUSH.label: made})
+    current = SimpleNamespace(layout=SimpleNamespace(size=1000))
+    start = SimpleNamespace(reduced=reduced)
+    assert searching.Search._seen_in_part(start, current, outcome) is again

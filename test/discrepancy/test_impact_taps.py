@@ -13,7 +13,11 @@ from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits import start_values
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.fits.start_values import _rung_masses, cold_starts
-from impactscope.discrepancy.impact.models.baseline import MOST_OF_TAP, baseline_model
+from impactscope.discrepancy.impact.models.baseline import (
+    MOST_OF_TAP,
+    _tap_start,
+    baseline_model,
+)
 from impactscope.discrepancy.impact.models.bench_model import Free
 from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import HammerTap, MeasuredForce, Sensor
@@ -105,6 +109,13 @@ def test_friction_is_found_whatever_the_pulse(make_campaign, name):
 def test_a_tap_may_be_as_hard_as_a_fit_makes_it():
     number = Free('tap_peak@0', 100.0, 0.02, 1e-3, MOST_OF_TAP, logarithmic=True, blow=0)
     HammerTap(number.to_outer(number.bounds[1]), 0.005)  # else a trial ends the search
+
+
+def test_a_plate_that_rings_on_makes_no_longer_pulse(make_campaign):
+    made = make_campaign(6, tap=HammerTap(150.0, 0.0045))
+    tap = next(b for b in prepare(made).blows if b.recording.kind == 'tap')
+    _, duration = _tap_start(dataclasses.replace(tap, settled=tap.onset + 0.0275))
+    assert 0.0035 < duration < 0.008
 
 
 def test_slow_noise_of_the_plate_is_not_taken_for_its_ring_down(make_campaign):

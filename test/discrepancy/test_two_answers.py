@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from impactscope.discrepancy.driven.explain import _leaves_far_less
+from impactscope.discrepancy.driven.explain import _leaves_far_less, _leaves_more
 from impactscope.discrepancy.impact.explain import _far_behind
 
 
@@ -30,6 +30,20 @@ OTHER = answer({'position': 1.0}, {'position': 1.0}, ('unknown',))
 )
 def test_an_answer_leaves_far_less_where_it_names_something_and_leaves_half_the_power(one, less):
     assert _leaves_far_less(one, OTHER) is less
+
+
+@pytest.mark.parametrize(
+    ('one', 'more'),
+    [
+        (answer({'position': 1.1}, {'position': 1.2}), True),
+        (answer({'position': 1.1}, {'position': 0.9}), False),  # it predicts better
+        (answer({'position': 0.9}, {'position': 1.1}), False),
+        (answer({'position': 2.0}, {'position': 2.0}, ('unknown',)), False),  # nothing named
+        (answer({'position': 2.0}, {}), False),  # not the same recordings
+    ],
+)
+def test_an_answer_that_names_something_and_leaves_more_throughout_gives_way(one, more):
+    assert _leaves_more(one, OTHER) is more
 
 
 def baseline(chi_square, size=1000, reduced=1.2, whole=1000):

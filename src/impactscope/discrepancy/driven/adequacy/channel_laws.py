@@ -114,7 +114,8 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
     for turn in np.geomspace(2.0 / longest, 0.4 / chosen[0].period, RESONANCES).tolist():
         shape = np.log([turn, RATIO])
         ring = partial(_ringing, outputs, chosen[0].period, column)
-        yield Group(RESONANCE, ring(shape), shaped=Shaped(tuple(shape.tolist()), ring, _told))
+        told = partial(_told, chosen[0].period)
+        yield Group(RESONANCE, ring(shape), shaped=Shaped(tuple(shape.tolist()), ring, told))
 
 
 def _ringing(
@@ -124,7 +125,7 @@ def _ringing(
     shape: Array,
 ) -> list[Array]:
     """What a resonance adds to readings, by the logarithms of its frequency and damping ratio."""
-    turn = 2.0 * math.pi * min(math.exp(shape[0]), HIGHEST / period)
+    turn = 2.0 * math.pi * _frequency(period, shape)
     ratio = math.exp(shape[1])
     # Tustin's rule, written out: a search may come to turns far below what scipy thinks sound
     k, lost = 2.0 / period, 4.0 * ratio * turn / period
@@ -133,8 +134,12 @@ def _ringing(
     return [column(ringing), column([np.gradient(y) for y in ringing])]
 
 
-def _told(shape: Array) -> str:
-    return f'{RESONANCE} at {math.exp(shape[0]):.3g} Hz'
+def _frequency(period: float, shape: Array) -> float:
+    return min(math.exp(shape[0]), HIGHEST / period)
+
+
+def _told(period: float, shape: Array) -> str:
+    return f'{RESONANCE} at {_frequency(period, shape):.3g} Hz'
 
 
 def _by_sign(outputs: Sequence[Array]) -> list[Array]:

@@ -304,7 +304,7 @@ def _free(order: int, cutoff: float, rate: float, count: int, *, back: bool = Fa
     ``back``: after it has run backwards over that, too.
     """
     sections = _low_pass(order, cutoff, rate)
-    slowest = float(np.max(np.abs(signal.sos2zpk(sections)[1])))
+    slowest = float(np.max(np.abs(signal.butter(order, cutoff, fs=rate, output='zpk')[1])))
     most = min(count, 1 + int(-FORGOTTEN / math.log(slowest)))
     used = (sections[:, [1, 2]] != 0.0) | (sections[:, [4, 5]] != 0.0)  # a section may be short
     begins = np.eye(2 * len(sections))[used.ravel()].reshape(-1, len(sections), 2)

@@ -245,7 +245,7 @@ def _numbers(
 
 def _gains(cuts: Sequence[Cut]) -> list[Number]:
     """Gains of further outputs over that of the first one, which mass and spring take up."""
-    first, *others = dict.fromkeys(c.channel for c in cuts)
+    others = list(dict.fromkeys(c.channel for c in cuts))[1:]
     return [Number(gain_of(channel), '1', (1.0,), 1e-3, 0.0) for channel in others]
 
 
