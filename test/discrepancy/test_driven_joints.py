@@ -1,6 +1,7 @@
 """Joints with a weight, findings that say nothing, and outputs that no oscillator explains."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.findings.explains_nothing import leaves_most_as_noise
+from impactscope.discrepancy.driven.findings.subject import Subject
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.models.terms import Number, Term
 from impactscope.discrepancy.driven.search.beam_search import _there
@@ -138,3 +140,19 @@ def test_a_coupling_whose_corner_may_as_well_be_none_is_not_named():
     for finding in answer.ranking[: len(answer.accepted)]:
         corner = finding.parameters.get('corner')
         assert corner is None or corner.value > corner.std
+
+
+def test_another_form_of_what_the_baseline_has_is_no_finding():
+    def term(name, variant='', channel=''):
+        return SimpleNamespace(name=name, label=f'{name}/{variant}', channel=channel)
+
+    tilted, plain = term('restoring_force', 'tilted'), term('restoring_force')
+    friction, here, there = (
+        term('coulomb_friction'),
+        term('offset', '', 'x'),
+        term('offset', '', 'v'),
+    )
+    baseline = SimpleNamespace(terms=(tilted, here))
+    best = SimpleNamespace(terms=(plain, here, friction, there))
+    subject = Subject(*[None] * 4, SimpleNamespace(baseline=baseline, best=best), None, ())
+    assert subject.new_terms == (friction, there)

@@ -79,13 +79,13 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
     """
     beside = s.verdict is not None and s.verdict.left and not s.verdict.instead
     fits, weight = _weighted(s, no_richer=beside)
-    given = {t.label for t in s.outcome.baseline.terms}
+    given = s.given
     best = {t.name for t in s.outcome.best.terms}
     share: dict[str, float] = {}
     source: dict[str, tuple[Term, Fit, float]] = {}
     for made, p in zip(fits, weight, strict=True):
         for term in made.terms:
-            if term.label in given:
+            if (term.name, term.channel) in given:
                 continue
             share[term.name] = share.get(term.name, 0.0) + p
             if term.name not in source or p > source[term.name][2]:

@@ -32,7 +32,15 @@ class Subject:
     verdict: Verdict | None = None  # on what the vocabulary lacks, there
 
     @property
+    def given(self) -> frozenset[tuple[str, str]]:
+        """Names and channels of the effects that the baseline has, in whatever form."""
+        return frozenset((t.name, t.channel) for t in self.outcome.baseline.terms)
+
+    @property
     def new_terms(self) -> tuple[Term, ...]:
-        """Effects that the best model has and the baseline has not."""
-        given = {t.label for t in self.outcome.baseline.terms}
-        return tuple(t for t in self.outcome.best.terms if t.label not in given)
+        """Effects that the best model has and the baseline has not.
+
+        Another form of one that the baseline has is no finding.
+        """
+        given = self.given
+        return tuple(t for t in self.outcome.best.terms if (t.name, t.channel) not in given)
