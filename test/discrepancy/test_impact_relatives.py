@@ -14,6 +14,7 @@ from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline, follow
 from impactscope.discrepancy.impact.fits.least_squares import fit
 from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.search import pruning
 from impactscope.discrepancy.impact.search.fuller_forms import (
     law_in_place_of_two,
     law_that_contains,
@@ -118,6 +119,23 @@ def test_plain_friction_stays_where_no_fuller_law_explains_more(plainly_found):
     outcome = plainly_found(Effect('coulomb_friction', {'force': 1.0}))
     assert law_that_contains(outcome.final, outcome, (), 1e-3) is None
     assert [c.name for c in outcome.accepted] == ['coulomb_friction']
+
+
+def test_a_law_that_contains_a_finding_is_asked_for_whatever_a_trial_promises(
+    plainly_found, monkeypatch
+):
+    outcome = plainly_found(Effect('coulomb_friction', {'force': 1.0}))
+    promised = pruning.Screening.best_refined
+
+    def less(screening, trials):
+        return dataclasses.replace(promised(screening, trials), gain=0.0)
+
+    monkeypatch.setattr(pruning.Screening, 'best_refined', less)
+    mine = outcome.found['coulomb_friction']
+    found = pruning._relatives(outcome, mine, [], [mine], {'stribeck_friction'})
+    (other,) = [f for f in found if f.candidate.name == 'asymmetric_friction']
+    assert other.fit.chi_square < outcome.final.chi_square + 10.0
+    assert all(contains(f.candidate, mine.candidate) for f in found)
 
 
 HIGHER_AT_REST = {'static_force': 1.05, 'kinetic_force': 1.0, 'speed': 0.02}

@@ -311,7 +311,8 @@ def _relatives(
             continue
         best = screening.best_refined(tried[:_STARTS])
         bent = without.reduced > _LOST and not candidate.channel
-        if best.gain < _PROMISING * mine.gain and not bent:
+        able = bent or contains(candidate, mine.candidate)  # which has a start from the finding
+        if best.gain < _PROMISING * mine.gain and not able:
             continue  # tried at numbers that are bent, a trial says nothing of a force
         item = _instead(outcome, mine, rest, candidate, best.model.values(best.x))
         if item is not None:
