@@ -230,9 +230,8 @@ def _left_more(answer: Answer, made: Fit | None, segments: Sequence[Segment]) ->
 
 def _leaves_far_less(one: Answer, other: Answer) -> bool:
     """Whether what one answer found leaves less than half the power of the other's, throughout."""
-    mine, others = _left(one), _left(other)
-    found = bool(set(one.accepted) - {'unknown'}) and len(mine) == len(others)
-    return found and all(2.0 * a * a < b * b for a, b in zip(mine, others, strict=True))
+    left = _left_by(one, other)
+    return bool(left) and all(2.0 * mine**2 < others**2 for mine, others in left)
 
 
 def _leaves_more(one: Answer, other: Answer) -> bool:
@@ -240,15 +239,24 @@ def _leaves_more(one: Answer, other: Answer) -> bool:
 
     What it takes for noise of some colour is then an error of its model.
     """
-    mine, others = _left(one), _left(other)
-    found = bool(set(one.accepted) - {'unknown'}) and len(mine) == len(others)
-    return found and all(a > b for a, b in zip(mine, others, strict=True))
+    left = _left_by(one, other)
+    return bool(left) and all(mine > others for mine, others in left)
 
 
-def _left(answer: Answer) -> list[float]:
-    """RMSE of an answer, of the fitted recordings and of those held out, channel by channel."""
-    fitted, held_out = answer.fit.extended.rmse, answer.fit.extended.held_out_rmse
-    return [rmse for part in (fitted, held_out) for _, rmse in sorted(part.items())]
+def _left_by(one: Answer, other: Answer) -> list[tuple[float, float]]:
+    """RMSE of both answers, fitted and held out, by channel; empty where the first names nothing.
+
+    And where they are not of the same recordings.
+    """
+
+    def left(answer: Answer) -> list[float]:
+        fitted, held_out = answer.fit.extended.rmse, answer.fit.extended.held_out_rmse
+        return [rmse for part in (fitted, held_out) for _, rmse in sorted(part.items())]
+
+    mine, others = left(one), left(other)
+    if not set(one.accepted) - {'unknown'} or len(mine) != len(others):
+        return []
+    return list(zip(mine, others, strict=True))
 
 
 def _counted(segments: Sequence[Segment]) -> int:
