@@ -19,7 +19,7 @@ from impactscope.discrepancy.answer import (
     held_out_alone,
     stand_ins_told,
 )
-from impactscope.discrepancy.campaign import Campaign
+from impactscope.discrepancy.campaign import Campaign, Role
 from impactscope.discrepancy.evidence import BESIDE_UNKNOWN, Thresholds
 from impactscope.discrepancy.impact.adequacy.residual_tests import (
     TESTED,
@@ -71,6 +71,7 @@ _SLOW = ('ac_coupling', 'offset', 'zero_drift')  # effects that slow noise may l
 _SEEN_MISSED = 1.21  # reduced chi-square of a prediction, from which it is told
 _FIRST_CONTACT = 0.012  # s after the onset
 _PRICE = 10.0  # chi-square that a further number must bring
+_SHOWN_BY_ONE = 'what one held-out recording alone shows'
 _OTHER_WAYS = 'other ways to take the names of the baseline'
 _CERTAIN = 300.0  # of chi-square, that slow noise does not imitate unseen
 _FAR_BEHIND = 100.0  # of chi-square
@@ -89,6 +90,7 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
     campaign = with_metal_that_lets_go(campaign)
     data = prepare(campaign)
     outcome = _searched(campaign, data, thresholds, progress)
+    noise: Mapping[str, Colour] = {}  # known to be slower than the quiet shows
     near = outcome.final.reduced < _NOISE_AT_MOST
     unexplained = _left(outcome, thresholds)
     explained = bool(outcome.accepted) and not unexplained
@@ -104,9 +106,52 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
             # less explains less: what is found beyond came with the other noise
             fewer = len(other.accepted) <= len(outcome.accepted)
             if not explained or (fewer and not _likelier(outcome, other, slower)):
-                data, outcome = told, other
+                data, outcome, noise = told, other, slower
+    shown = _shown_by_one(campaign, outcome, noise, thresholds, progress)
+    if shown is not None:
+        campaign, data, outcome = shown
     progress(0.95, 'regions')
     return _answer(campaign, data, outcome, thresholds)
+
+
+def _shown_by_one(
+    campaign: Campaign,
+    outcome: Outcome,
+    slower: Mapping[str, Colour],
+    thresholds: Thresholds,
+    progress: Progress,
+) -> tuple[Campaign, CampaignData, Outcome] | None:
+    """The search with the held-out recording that is missed most among the fitted ones.
+
+    A stop that the hardest blow alone reaches is in no other recording. None: nothing is missed,
+    nothing would be left to be predicted, or the search does not find all that it found before,
+    something beyond it, and nothing left then.
+    """
+    held = outcome.held_out_final
+    if held is None or len(held.layout.blows) < 2:
+        return None
+    if not _unexplained(outcome, thresholds).held_out or not time_left(_SHOWN_BY_ONE):
+        return None
+    worst = held.model.data.blows[_missed_most(held)].name
+    parts = tuple(
+        dataclasses.replace(r, role=Role.FIT) if r.file == worst else r
+        for r in campaign.recordings
+    )
+    moved = dataclasses.replace(campaign, recordings=parts)
+    data = prepare(moved, slower)
+
+    def again(share: float, text: str) -> None:
+        progress(0.9 + 0.05 * share, f'with {worst} fitted: {text}')
+
+    other = _searched(moved, data, thresholds, again)
+    before, now = ({c.name for c in o.accepted} for o in (outcome, other))
+    if not before < now or _left(other, thresholds):
+        return None
+    other.notes.append(
+        f'{worst} was held out and shows what no fitted recording does: it is fitted now. What it '
+        'alone shows no held-out recording bears out: repeat that blow, and hold it out.'
+    )
+    return moved, data, other
 
 
 def _likelier(outcome: Outcome, other: Outcome, slower: Mapping[str, Colour]) -> bool:
@@ -318,6 +363,7 @@ class _Rest:
     description: str = ''
     chance: float = 1.0
     beside: bool = False  # nothing that puts the names of what was found in doubt
+    held_out: bool = False  # only recordings that were held out show it
 
 
 def _unexplained(outcome: Outcome, thresholds: Thresholds) -> _Rest:
@@ -360,6 +406,7 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> _Rest:
             f'missed by {math.sqrt(held.reduced):.3g} times the noise{_most_of_all(held)}.',
             tests.p_value,
             _borne_out(outcome) or _one_is_another(outcome, allowed, thresholds.held_out_loss),
+            held_out=True,
         )
     parts = []
     for (i, name), span in final.layout.spans.items():
@@ -405,10 +452,20 @@ def _most_of_all(held: Fit) -> str:
     """Which held-out recording is missed most; empty where there is one alone."""
     if len(held.layout.blows) < 2:
         return ''
-    left = {i: held.residuals[held.layout.blow_spans[i]] for i in held.layout.blows}
-    missed = {i: float(np.sqrt(np.mean(r**2))) for i, r in left.items() if r.size}
-    worst = max(missed, key=lambda i: missed[i])
-    return f', most of all {held.model.data.blows[worst].name} ({missed[worst]:.3g} times)'
+    worst = _missed_most(held)
+    name, missed = held.model.data.blows[worst].name, math.sqrt(_missed_by(held, worst))
+    return f', most of all {name} ({missed:.3g} times)'
+
+
+def _missed_most(held: Fit) -> int:
+    """Number of the held-out blow that is missed most."""
+    return max(held.layout.blows, key=lambda i: _missed_by(held, i))
+
+
+def _missed_by(held: Fit, blow: int) -> float:
+    """Reduced chi-square of one held-out blow."""
+    left = held.residuals[held.layout.blow_spans[blow]]
+    return float(np.mean(left**2)) if left.size else 0.0
 
 
 def _one_is_another(outcome: Outcome, allowed: float, loss: float) -> bool:
