@@ -200,6 +200,19 @@ def test_below_one_the_right_answer_is_nothing():
     assert m.right_set is None
 
 
+@pytest.mark.parametrize(('by_all', 'named'), [(73.0, True), (2.0, False)])
+def test_what_held_out_recordings_alone_show_may_be_named(by_all, named):
+    hidden = _answer()
+    stop = hidden['parts'][0] | {'name': 'end_stop', 'subsystem': 'spring'}
+    hidden['parts'].append(stop | {'detectability': 0.0, 'by_all': by_all})
+    for accepted in (['coulomb_friction', 'end_stop'], ['end_stop', 'coulomb_friction']):
+        m = mark('c', hidden, _reply(*accepted), 1.0)
+        assert m.truth == ('coulomb_friction',)
+        assert m.right_set is named
+    assert mark('c', hidden, _reply('coulomb_friction'), 1.0).right_set
+    assert not mark('c', hidden, _reply('coulomb_friction', 'offset'), 1.0).right_set
+
+
 def test_a_pair_of_which_one_is_faint_is_sorted_by_the_other():
     hidden = _answer(size=0.4)
     hidden['parts'].append(_answer('base_compliance', 30.0, subsystem='fixture')['parts'][0])

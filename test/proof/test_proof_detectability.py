@@ -10,7 +10,7 @@ from impactscope.proof import draw as proof_draw
 from impactscope.proof.bench import BENCH, Pulse
 from impactscope.proof.conditions import draw_scenario
 from impactscope.proof.detectability import Freedom, samples
-from impactscope.proof.draw import CONFUSABLE, alternatives, draw, solve_strength
+from impactscope.proof.draw import CONFUSABLE, alternatives, by_all, draw, solve_strength
 from impactscope.proof.effects import EFFECTS, effect
 from impactscope.proof.measurement import input_channel, measure, noise_free
 from impactscope.proof.scenario import Blow, Chain, Scenario
@@ -267,3 +267,18 @@ def test_a_look_alike_of_either_sign_is_found():
             np.random.default_rng(seed), freedom, truth, {chosen.key}, limit=0.3 * size
         )
         assert near.get('clock_error', size) < 0.1 * size
+
+
+def test_a_stop_that_only_a_held_out_tap_reaches_is_seen_by_all_recordings():
+    soft, hard = taps().blows
+    baseline = replace(taps(), blows=(soft, replace(hard, role='hold_out')))
+    reach = [
+        float(np.max(noise_free(b, baseline)['force'])) / BENCH.stiffness for b in taps().blows
+    ]
+    stop = {'stop_stiffness': 2e4, 'stop_travel': 0.5 * sum(reach)}
+    truth = baseline.with_bench(lambda blow: stop)
+    size = Freedom(baseline).detectability(truth)
+    assert size < 1e-6
+    assert by_all(size, baseline, truth) > 5
+    assert by_all(size, baseline, baseline) < 1e-6
+    assert by_all(1.0, baseline, truth) == 0.0  # is seen anyway

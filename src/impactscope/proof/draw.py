@@ -27,6 +27,7 @@ __all__ = [
     'Concealed',
     'Part',
     'alternatives',
+    'by_all',
     'draw',
     'solve_strength',
 ]
@@ -73,6 +74,8 @@ class Part:
     family: str
     parameters: Mapping[str, float | str]
     detectability: float
+    # the same were all recordings fitted; only where those that are fitted do not show it
+    by_all: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -129,7 +132,7 @@ def draw(
     freedom = Freedom(baseline)
     strength, size = solve_strength(freedom, chosen, aux, wanted)
     truth = chosen.apply(baseline, strength, aux)
-    part = _part(chosen, strength, aux, size)
+    part = _part(chosen, strength, aux, size, by_all(size, baseline, truth))
     confusable = {}
     if classes and size >= 1:
         confusable = alternatives(rng, freedom, truth, {chosen.key}, kin=_kin(chosen))
@@ -276,13 +279,21 @@ def _pair(rng: np.random.Generator, clean: Scenario, *, classes: bool) -> Concea
     for (effect, strength, aux), other in zip(turned, turned[::-1], strict=True):
         beside = Freedom(baseline, _applied(*other))
         reached = beside.detectability(truth)
-        parts.append(_part(effect, strength, aux, reached))
+        seen = by_all(reached, baseline, truth, _applied(*other))
+        parts.append(_part(effect, strength, aux, reached, seen))
         if classes and reached >= 1:
             confusable |= alternatives(
                 rng, beside, truth, {effect.key, other[0].key}, kin=_kin(effect)
             )
     size = min(p.detectability for p in parts)
     return Concealed(baseline, truth, 'pair', tuple(parts), size, confusable)
+
+
+def by_all(size: float, baseline: Scenario, truth: Scenario, *beside: Companion) -> float:
+    """The d' of what those that are fitted do not show (``size``), were all recordings fitted."""
+    if size >= 1:
+        return 0.0
+    return Freedom(baseline.all_fitted(), *beside).detectability(truth.all_fitted())
 
 
 def _kin(effect: Effect) -> tuple[str, ...]:
@@ -325,11 +336,19 @@ def _choose(
     return candidates[int(rng.integers(len(candidates)))]
 
 
-def _part(chosen: Effect, strength: float, aux: Mapping[str, float | str], size: float) -> Part:
+def _part(
+    chosen: Effect,
+    strength: float,
+    aux: Mapping[str, float | str],
+    size: float,
+    seen_by_all: float,
+) -> Part:
     values = chosen.parameters(strength, aux)
     if 'channel' in aux:
         values = values | {'channel': aux['channel']}
-    return Part(chosen.key, chosen.name, chosen.subsystem, chosen.family, values, size)
+    return Part(
+        chosen.key, chosen.name, chosen.subsystem, chosen.family, values, size, seen_by_all
+    )
 
 
 def _search(

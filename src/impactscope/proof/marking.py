@@ -13,6 +13,7 @@ from .evidence_map import BIN
 __all__ = ['DETECTABLE', 'Mark', 'mark', 'truths']
 
 DETECTABLE = 1.0  # d' below which the right answer is: nothing
+SHOWN = 5.0  # d' of all recordings, from which what the held-out ones alone show may be named
 
 # Conventions the vocabulary leaves open: factors by which a right value may differ.
 _CONVENTIONS: Mapping[tuple[str, str], tuple[float, ...]] = {
@@ -103,8 +104,11 @@ def mark(
     accepted = tuple(str(a) for a in reply.get('accepted') or [])
     unexplained = _truthy(reply.get('unexplained'))
     detected = bool((reply.get('mismatch') or {}).get('detected', False))
-    tolerated = set(answer.get('tolerated') or []) - set(names)
-    if tolerated & set(accepted):  # part of the noise: to name it is neither right nor wrong
+    tolerated = set(answer.get('tolerated') or [])
+    tolerated |= {p['name'] for p in answer['parts'] if p.get('by_all', 0.0) >= SHOWN}
+    tolerated -= set(names)
+    # part of the noise, or shown by held-out recordings alone: neither right nor wrong to name
+    if tolerated & set(accepted):
         accepted = tuple(a for a in accepted if a not in tolerated)
         ranking = [r for r in ranking if r.get('name') not in tolerated]
         detected = detected and bool(accepted)

@@ -32,7 +32,7 @@ def prediction_limit(truth: Scenario) -> float:
     moment, the strength of its blow within what is stated of it) is adjusted to it, no more.
     """
     judged = [i for i, blow in enumerate(truth.blows) if blow.role == 'hold_out']
-    seen = replace(truth, blows=tuple(replace(b, role='fit') for b in truth.blows))
+    seen = truth.all_fitted()
     if seen.kind == 'closed_loop':
         seen = seen.led_by(seen)
     freedom = Freedom(seen)

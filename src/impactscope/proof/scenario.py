@@ -110,6 +110,10 @@ class Scenario:
         """Colour of a channel's noise."""
         return self.colours.get(channel, WHITE)
 
+    def all_fitted(self) -> Scenario:
+        """The same campaign with no recording held out."""
+        return replace(self, blows=tuple(replace(b, role='fit') for b in self.blows))
+
     def led_by(self, truth: Scenario) -> Scenario:
         """The same axis under the forces that are recorded in another campaign."""
         blows = tuple(

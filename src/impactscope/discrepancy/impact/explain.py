@@ -124,13 +124,12 @@ def _shown_by_one(
     """The search with the held-out recording that is missed most among the fitted ones.
 
     A stop that the hardest blow alone reaches is in no other recording. None: nothing is missed,
-    nothing would be left to be predicted, or the search does not find all that it found before,
-    something beyond it, and nothing left then.
+    or the search does not find all that it found before, something beyond it, and nothing left
+    then.
     """
     held = outcome.held_out_final
-    if held is None or len(held.layout.blows) < 2:
-        return None
-    if not _unexplained(outcome, thresholds).held_out or not time_left(_SHOWN_BY_ONE):
+    missed = held is not None and _unexplained(outcome, thresholds).held_out
+    if held is None or not missed or not time_left(_SHOWN_BY_ONE):
         return None
     worst = held.model.data.blows[_missed_most(held)].name
     parts = tuple(
@@ -380,6 +379,7 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> _Rest:
         and _missed_early(outcome, allowed)
         and not _met_together(outcome, held, allowed)
     )
+    excused = missed and _met_by_no_start(outcome)
     if ratio <= thresholds.unexplained_ratio:
         if tests.p_value < thresholds.inadequate:
             return _Rest(
@@ -398,8 +398,8 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> _Rest:
                 'recordings better than anything that is known here.',
                 thresholds.inadequate * instead / _OUTDONE,
             )
-        if held is None or not missed:
-            return _Rest(False)
+        if held is None or not missed or excused:
+            return _Rest(False, held_out=missed)
         return _Rest(
             True,
             'Something is missing that no known mechanism explains: held-out recordings are '
@@ -507,30 +507,34 @@ def _law_instead(outcome: Outcome) -> tuple[float, str]:
 
 
 def _missed_early(outcome: Outcome, allowed: float) -> bool:
-    """Whether a prediction is missed before many bounces have amplified what is small.
+    """Whether a prediction is missed before many bounces have amplified what is small."""
+    final = outcome.final
+    held = held_out_fit(final, final.model.data.held_out, TESTED)
+    return held is not None and prediction_misfit(final, held) > allowed
 
-    Where the fitted recordings leave only noise, a blow that is missed from its first contact on
-    was not met by any start, and contacts of bare metal amplify from the first one: that is told,
-    and says nothing of the model.
+
+def _met_by_no_start(outcome: Outcome) -> bool:
+    """Whether a held-out recording may only have met no start, which says nothing of the model.
+
+    That is where the fitted recordings leave only noise and it is missed from its first contact
+    on, or contacts of bare metal amplify from the first one: that is told.
     """
     final = outcome.final
     chosen = final.model.data.held_out
     held = held_out_fit(final, chosen, TESTED)
-    if held is None or prediction_misfit(final, held) <= allowed:
+    if held is None or (outcome.accepted and held.reduced < _NOT_MET):
         return False
-    if outcome.accepted and held.reduced < _NOT_MET:
-        return True
     first = held_out_fit(final, chosen, _FIRST_CONTACT)
     bare = 'contact.stiffness' in final.values
-    if final.reduced < _WEAK and (bare or first is None or first.reduced > _WEAK):
-        note = (
-            f'A held-out recording is missed by {math.sqrt(held.reduced):.3g} times the noise, '
-            'though the fitted ones leave nothing but noise; that alone is no finding. Is it '
-            'labelled rightly?'
-        )
-        if note not in outcome.notes:
-            outcome.notes.append(note)
+    if final.reduced >= _WEAK or not (bare or first is None or first.reduced > _WEAK):
         return False
+    note = (
+        f'A held-out recording is missed by {math.sqrt(held.reduced):.3g} times the noise, '
+        'though the fitted ones leave nothing but noise; that alone is no finding. Is it '
+        'labelled rightly?'
+    )
+    if note not in outcome.notes:
+        outcome.notes.append(note)
     return True
 
 
