@@ -104,11 +104,10 @@ def test_friction_beside_a_contact_that_loses_by_its_own_speed(make_campaign):
 
 
 def test_a_choice_that_misses_the_first_milliseconds_is_not_followed(monkeypatch):
-    short, whole = SimpleNamespace(reduced=3.0), SimpleNamespace(reduced=1.0)
-    monkeypatch.setattr(baseline_conventions, 'begun', lambda _: short)
-    monkeypatch.setattr(baseline_conventions, 'fit_baseline', lambda _: whole)
-    assert baseline_conventions._followed(None, 2.9) is short
-    assert baseline_conventions._followed(None, 3.1) is whole
+    short, whole = SimpleNamespace(reduced=3.0, model=None), SimpleNamespace(reduced=1.0)
+    monkeypatch.setattr(baseline_conventions, 'fit_baseline', lambda *_: whole)
+    assert baseline_conventions._followed(short, 2.9) is short
+    assert baseline_conventions._followed(short, 3.1) is whole
 
 
 @pytest.fixture
@@ -122,6 +121,7 @@ def bouncing(monkeypatch):
             return SimpleNamespace(model=choice.model, layout=layout, reduced=reduced)
 
         monkeypatch.setattr(baseline_conventions, 'other_conventions', lambda _: ['other'])
+        monkeypatch.setattr(baseline_conventions, '_choices', lambda model: model)
         monkeypatch.setattr(
             baseline_conventions, '_begun_or_none', lambda m: SimpleNamespace(model=m)
         )
@@ -131,7 +131,7 @@ def bouncing(monkeypatch):
         monkeypatch.setattr(baseline_conventions, 'follow', grown)
         monkeypatch.setattr(baseline_conventions, 'followed', lambda made, _: (made, None))
         return baseline_conventions._by_first_bounces(
-            SimpleNamespace(model='mine', reduced=last)
+            SimpleNamespace(model='mine', reduced=last), {}
         ).model
 
     return chosen

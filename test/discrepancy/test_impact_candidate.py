@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
@@ -59,3 +60,21 @@ def test_a_weight_that_goes_with_the_geometry_has_to_explain_more(make_campaign)
     plain, by_geometry = (listed[f'restoring_force{form}'] for form in ('', ' (by geometry)'))
     assert by_geometry.doubt > plain.doubt
     assert by_geometry.cost == plain.cost
+
+
+@pytest.mark.parametrize(
+    ('struck', 'doubted'), [('robot', True), ('drop', False), ('pendulum', False)]
+)
+def test_the_weight_of_a_robot_is_less_likely_than_its_push(make_campaign, struck, doubted):
+    campaign = make_campaign(3, baseline=('linear_sensor', 'zener_damper', 'unilateral_contact'))
+    found = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    blows = tuple(
+        dataclasses.replace(b, recording=dataclasses.replace(b.recording, kind=struck))
+        if b.recording.kind != 'tap'
+        else b
+        for b in found.model.data.blows
+    )
+    data = dataclasses.replace(found.model.data, blows=blows)
+    found = dataclasses.replace(found, model=dataclasses.replace(found.model, data=data))
+    listed = {c.label: c for c in candidates(found, campaign.baseline_names)}
+    assert (listed['gravity_load'].doubt > listed['external_push'].doubt) is doubted

@@ -54,15 +54,18 @@ _WAYS = 2  # pairs of starts within what a short window leaves open
 _FAR = 2.0  # standard deviations
 
 
-def fit_baseline(model: ImpactModel) -> Fit:
-    """The baseline re-tuned to the blows that are fitted, from a cold start; see `follow`."""
+def fit_baseline(model: ImpactModel, short: Fit | None = None) -> Fit:
+    """The baseline re-tuned to the blows that are fitted, from a cold start; see `follow`.
+
+    ``short``: what `begun` makes of it, where that is known.
+    """
     model = _by_noise_alone(model)
     starts = cold_starts(model)
     bare = 'contact.stiffness' in model.values(starts[0])
     by_taps = _by_taps(model, starts[0]) if bare else None
     if by_taps is not None and follows_all(by_taps):
         return by_taps
-    short = _short(model, starts)
+    short = _short(model, starts) if short is None else short
     found = follow(short)
     if not follows_all(found) and _open(short):
         found = _by_other_ways(short, found)

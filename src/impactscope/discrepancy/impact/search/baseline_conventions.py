@@ -14,6 +14,7 @@ taken, first for the baseline and again where something was found.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from impactscope.discrepancy.impact.fits.growing_windows import (
     begun,
@@ -90,21 +91,26 @@ def with_likelier(baseline: Fit) -> Fit:
     if follows_all(best):
         return best
     most = max(_SOUND, best.reduced)
-    for other in in_parallel(lambda model: _followed(model, most), others):
+    begins = in_parallel(_begun_or_none, others)
+    known = [short for short in begins if short is not None]
+    for other in in_parallel(lambda short: _followed(short, most), known):
         if other.reduced < _SOUND:
             best = further(best, other)
-    return best if best.reduced < QUIET else _by_first_bounces(best)
+    if best.reduced < QUIET:
+        return best
+    return _by_first_bounces(best, {_choices(short.model): short for short in known})
 
 
-def _by_first_bounces(best: Fit) -> Fit:
+def _by_first_bounces(best: Fit, known: Mapping[tuple[float, ...], Fit]) -> Fit:
     """A baseline with what its names leave open as the first bounces have it.
 
     Where late ones amplify something that is missing, either choice may be bent to meet them.
+    ``known``: fits to the first milliseconds, by their choices.
     """
     models = [best.model, *other_conventions(best)]
     if len(models) < 2 or not time_left('conventions by the first bounces'):
         return best
-    short = in_parallel(_begun_or_none, models)
+    short = in_parallel(lambda m: known.get(_choices(m)) or _begun_or_none(m), models)
     for window in _FIRST_BOUNCES:
         grown = [None if s is None else follow(s, window) for s in short]
         sound = [g for g in grown if g is not None and g.layout.window >= window]
@@ -127,10 +133,13 @@ def _begun_or_none(model: ImpactModel) -> Fit | None:
         return None
 
 
-def _followed(model: ImpactModel, most: float) -> Fit:
-    """A baseline from a cold start; its first milliseconds alone where they leave too much."""
-    short = begun(model)
-    return short if short.reduced > most else fit_baseline(model)
+def _choices(model: ImpactModel) -> tuple[float, ...]:
+    return tuple(model.constants.get(key, 0.0) for key in (LARGE_ANGLES, LOSS_OF))
+
+
+def _followed(short: Fit, most: float) -> Fit:
+    """A baseline from its first milliseconds on; these alone where they leave too much."""
+    return short if short.reduced > most else fit_baseline(short.model, short)
 
 
 def _same_contact(model: ImpactModel, other: ImpactModel) -> bool:

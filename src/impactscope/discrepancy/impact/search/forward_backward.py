@@ -24,6 +24,7 @@ from impactscope.discrepancy.impact.adequacy.residual_tests import adequacy
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.fits.growing_windows import (
+    begun,
     fit_baseline,
     followed,
     held_out_fit,
@@ -283,8 +284,8 @@ class Search:
         listed = candidates(baseline, self.baseline_names)
         best: tuple[Candidate, Fit, Fit] | None = None
         others = [c for c in listed if not c.free]
-        fits = in_parallel(lambda c: fit_baseline(c.extend(baseline.model)), others)
-        tried = list(zip(others, fits, strict=True))
+        fits = in_parallel(lambda c: _not_far_behind(c.extend(baseline.model), baseline), others)
+        tried = [(c, f) for c, f in zip(others, fits, strict=True) if f is not None]
         if 'contact.stiffness' in baseline.values and baseline.reduced > LOST:
             tried += from_taps(baseline, self.baseline_names)
         tried += with_late_channel(baseline, self.baseline_names)
@@ -644,6 +645,17 @@ def _worse(before: Fit, grown: Fit) -> bool:
 
 def _near(found: Fit, window: float) -> Fit:
     return fit(found.model, _up_to(found, window), found.x)
+
+
+def _not_far_behind(model: ImpactModel, baseline: Fit) -> Fit | None:
+    """Another structure as a baseline; None where its beginning alone leaves far more than that.
+
+    What the first milliseconds leave at least is left of longer windows, too.
+    """
+    short = begun(model)
+    if short.chi_square > _TELLING * baseline.chi_square:
+        return None
+    return fit_baseline(model, short)
 
 
 def _by_convention(
