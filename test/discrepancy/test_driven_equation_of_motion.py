@@ -177,3 +177,36 @@ def test_friction_on_a_base_that_gives_way(friction, reacts):
             x, xb = x + h * v, xb + h * vb
     assert out[:, 0] == pytest.approx(places, abs=3e-4 * np.max(np.abs(places)))
     assert out[:, 1] == pytest.approx(speeds, abs=3e-4 * np.max(np.abs(speeds)))
+
+
+@pytest.mark.parametrize('reacts', [0.0, 1.0])
+@pytest.mark.parametrize('rubs', [0.0, 0.3])
+@settings(max_examples=12, deadline=None)
+@given(
+    frequency=st.floats(15.0, 300.0),
+    ratio=st.floats(0.005, 0.2),
+    offset=st.floats(-0.2, 0.2),
+    speed=st.sampled_from([0.0, 0.05]),
+    steps=st.integers(1, 3),
+)
+def test_a_linear_mass_on_its_base_steps_as_any_other(
+    reacts, rubs, frequency, ratio, offset, speed, steps
+):
+    """Its steps are taken at once; those of a spring not quite straight one by one."""
+    omega, mass = 2 * math.pi * frequency, 12.0
+    values = {
+        'MASS': 1.7, 'STIFFNESS': 5e4, 'DAMPING': 30.0, 'INPUT_OFFSET': offset,
+        'KINETIC_FORWARD': 1.3 * rubs, 'KINETIC_BACKWARD': rubs, 'BASE_MASS': mass,
+        'BASE_STIFFNESS': mass * omega**2, 'BASE_DAMPING': 2 * ratio * mass * omega,
+        'BASE_REACTS': reacts,
+    }  # fmt: skip
+    force = np.zeros(600)
+    force[50:70] = 50.0 * np.sin(np.pi * np.arange(20) / 20)
+    drive = inside_samples(force, steps, held=False)
+    made = []
+    for cubic in (0.0, 1e-30):
+        out = np.zeros((force.size, 4))
+        assert run_on_base(parameters(CUBIC=cubic, **values), drive, PERIOD, 0.0, speed, out)
+        made.append(out)
+    size = np.max(np.abs(made[1]), axis=0) + 1e-300
+    assert np.all(np.abs(made[0] - made[1]) < 1e-9 * size)
