@@ -117,12 +117,13 @@ def closed_loop(
     fading=0.0,
     begin=0,
     end=None,
+    seconds=4.0,
 ):
     rng = np.random.default_rng(seed)
     channels, entries = {}, []
     for i in range(3):
         file = f'r{i}.mcap'
-        reference = course(4.0, 0.05 * (farther if i == 2 else 1.0), rng)
+        reference = course(seconds, 0.05 * (farther if i == 2 else 1.0), rng)
         positions, forces = axis(
             reference, friction, load, spring, base, cogging, drag, uneven, fading, tight
         )
@@ -199,7 +200,7 @@ def test_an_axis_is_on_its_way_when_a_recording_begins(hum):
 
 
 def test_dry_friction_of_an_axis():
-    answer = explain_driven(closed_loop(2, friction=12.0))
+    answer = explain_driven(closed_loop(2, friction=12.0, seconds=2.0))
     assert answer.accepted == ('coulomb_friction',)
     force = answer.findings[0].parameters['force']
     assert abs(force.value - 12.0) < 4.0 * force.std + 0.01
@@ -209,7 +210,7 @@ def test_dry_friction_of_an_axis():
 
 def test_a_weak_cogging_is_no_slow_noise():
     """The motion adds it up; what is left looks like noise that falls with the frequency."""
-    answer = explain_driven(closed_loop(6, cogging=(0.02, 9.3e-3)))
+    answer = explain_driven(closed_loop(6, cogging=(0.02, 9.3e-3), seconds=2.0))
     assert answer.accepted == ('unknown',)
     law = re.search(r'a force that repeats every (\S+) m', answer.unexplained_description)
     assert law is not None
@@ -225,7 +226,7 @@ def test_friction_that_fades_is_friction_and_something_unknown(friction, fading)
 
 
 def test_a_tight_spot_is_told_by_its_place():
-    answer = explain_driven(closed_loop(6, tight=(0.05, 0.012, 0.004)))
+    answer = explain_driven(closed_loop(6, tight=(0.05, 0.012, 0.004), seconds=3.0))
     assert 'unknown' in answer.accepted
     law = re.search(r'friction about (\S+) m of the position', answer.unexplained_description)
     assert law is not None
@@ -262,13 +263,13 @@ def test_a_force_that_is_measured_though_it_is_commanded():
 
 
 def test_the_weight_of_a_vertical_axis():
-    answer = explain_driven(closed_loop(5, load=400.0))
+    answer = explain_driven(closed_loop(5, load=400.0, seconds=2.0))
     assert answer.accepted == ('offset',)
     assert answer.findings[0].parameters['value'].value == pytest.approx(-400.0, rel=1e-3)
 
 
 def test_an_encoder_that_comes_late():
-    answer = explain_driven(closed_loop(6, late=3))
+    answer = explain_driven(closed_loop(6, late=3, seconds=2.0))
     assert answer.accepted == ('clock_error',)
     assert answer.findings[0].parameters['offset'].value == pytest.approx(3.0 / RATE, rel=0.01)
 
@@ -283,7 +284,7 @@ def test_a_low_pass_of_the_encoder_that_runs_both_ways():
 
 
 def test_a_spring_that_the_axis_is_said_not_to_have():
-    answer = explain_driven(closed_loop(11, spring=(40.0, 0.0, 0.0, np.inf)))
+    answer = explain_driven(closed_loop(11, spring=(40.0, 0.0, 0.0, np.inf), seconds=2.0))
     assert answer.accepted == ('restoring_force',)
     assert answer.findings[0].subsystem == 'impactor'
     stiffness = answer.findings[0].parameters['stiffness']
@@ -292,14 +293,14 @@ def test_a_spring_that_the_axis_is_said_not_to_have():
 
 
 def test_a_spring_that_grows_with_the_cube():
-    answer = explain_driven(closed_loop(12, spring=(0.0, 4e5, 0.0, np.inf)))
+    answer = explain_driven(closed_loop(12, spring=(0.0, 4e5, 0.0, np.inf), seconds=2.0))
     assert answer.accepted == ('hardening_spring',)
     cubic = answer.findings[0].parameters['cubic']
     assert abs(cubic.value - 4e5) < 4.0 * cubic.std
 
 
 def test_a_stop_on_each_side():
-    answer = explain_driven(closed_loop(13, spring=(0.0, 0.0, 3e3, 0.02)))
+    answer = explain_driven(closed_loop(13, spring=(0.0, 0.0, 3e3, 0.02), seconds=2.0))
     assert answer.accepted == ('end_stop',)
     travel = answer.findings[0].parameters['travel']
     assert travel.value == pytest.approx(0.02, abs=4.0 * travel.std)
@@ -319,22 +320,23 @@ def test_a_base_that_the_drive_pushes_back():
     under = 400.0
     stiffness = under * (2.0 * np.pi * 9.0) ** 2
     base = under, stiffness, 2.0 * 0.02 * np.sqrt(under * stiffness)
-    answer = explain_driven(closed_loop(14, base=base))
+    answer = explain_driven(closed_loop(14, base=base, seconds=2.0))
     assert answer.accepted == ('base_compliance',)
     told = answer.findings[0].parameters
     assert told['frequency'].value == pytest.approx(9.0, rel=0.01)
     assert told['mass'].value == pytest.approx(under, rel=0.1)
 
 
-def on_a_base(frequency, mass):
+def on_a_base(frequency, mass, seconds):
     stiffness = mass * (2.0 * np.pi * frequency) ** 2
-    return closed_loop(14, base=(mass, stiffness, 2.0 * 0.02 * np.sqrt(mass * stiffness)))
+    base = mass, stiffness, 2.0 * 0.02 * np.sqrt(mass * stiffness)
+    return closed_loop(14, base=base, seconds=seconds)
 
 
 @pytest.mark.parametrize(('frequency', 'mass'), [(30.0, 60.0), (60.0, 30.0)])
 def test_a_base_as_light_as_the_axis_is_no_play(frequency, mass):
     """From a heavy base at any frequency a fit comes to the wrong one, which a play beats."""
-    answer = explain_driven(on_a_base(frequency, mass))
+    answer = explain_driven(on_a_base(frequency, mass, 2.0))
     assert answer.accepted == ('base_compliance',)
     told = answer.findings[0].parameters
     assert told['frequency'].value == pytest.approx(frequency, rel=0.02)
@@ -343,7 +345,7 @@ def test_a_base_as_light_as_the_axis_is_no_play(frequency, mass):
 
 @pytest.mark.parametrize(('frequency', 'mass'), [(60.0, 300.0), (40.0, 1000.0)])
 def test_a_base_of_which_the_stiffness_shows_alone_may_ring_anywhere(frequency, mass):
-    answer = explain_driven(on_a_base(frequency, mass))
+    answer = explain_driven(on_a_base(frequency, mass, 4.0))
     assert answer.accepted == ('base_compliance',)
     told = answer.findings[0].parameters
     assert abs(told['frequency'].value - frequency) < 2.0 * told['frequency'].std
@@ -362,7 +364,7 @@ def test_a_filter_of_an_axis_cut_out_of_its_motion_holds_what_was_outside():
 
 def test_hum_of_the_recorded_force():
     """The axis has not felt it: its motion lacks the answer to it."""
-    answer = explain_driven(closed_loop(7, hum=15.0))
+    answer = explain_driven(closed_loop(7, hum=15.0, seconds=2.0))
     assert answer.accepted == ('mains_hum',)
     found = answer.findings[0]
     assert found.channel == 'force.drive'
@@ -374,7 +376,7 @@ def test_hum_of_the_recorded_force():
 @pytest.mark.parametrize('ripple', [1e-5, 8e-5])
 def test_a_hum_of_the_encoder_beside_dry_friction(ripple):
     """Slight against what friction does, but far more than noise."""
-    answer = explain_driven(closed_loop(3, friction=9.0, ripple=ripple))
+    answer = explain_driven(closed_loop(3, friction=9.0, ripple=ripple, seconds=2.0))
     assert set(answer.accepted) == {'coulomb_friction', 'mains_hum'}
     found = {f.name: f.parameters for f in answer.findings}
     assert found['coulomb_friction']['force'].value == pytest.approx(9.0, rel=0.01)
@@ -425,10 +427,10 @@ def test_a_gain_that_is_wrong_is_no_two_numbers_of_the_machine():
     assert saved['sensor.damping'] == pytest.approx(DAMPING, rel=0.03)
 
 
-@pytest.mark.parametrize('seed', [21, 23])
-def test_an_encoder_that_wanders_slowly_is_nothing_that_is_missing(seed):
+@pytest.mark.parametrize(('seed', 'seconds'), [(21, 4.0), (23, 2.0)])
+def test_an_encoder_that_wanders_slowly_is_nothing_that_is_missing(seed, seconds):
     """Its noise forgets within a second: slower than noise is taken for noise at first."""
-    answer = explain_driven(closed_loop(seed, wander=5e-6, keep=0.998))
+    answer = explain_driven(closed_loop(seed, wander=5e-6, keep=0.998, seconds=seconds))
     assert answer.accepted == ()
     assert not answer.unexplained
 

@@ -27,9 +27,9 @@ RATE, SAMPLES = 4000.0, 2400
 NOISES = 0.3, 0.1  # of input and output, m/s^2
 
 
-def blows(rng, finer=1):
+def blows(rng, finer=1, samples=SAMPLES):
     """A quantity that rests, is struck twice and rings, m/s^2; at ``finer`` times the rate."""
-    time = np.arange(SAMPLES * finer) / (RATE * finer)
+    time = np.arange(samples * finer) / (RATE * finer)
     y = np.zeros(time.size)
     for begin in (0.1, 0.35):
         share = np.clip((time - begin) / rng.uniform(4e-3, 9e-3), 0.0, 1.0)
@@ -40,7 +40,15 @@ def blows(rng, finer=1):
     return y
 
 
-def campaign(seed, part=lambda x: x, after=lambda y: y, held_out=1, finer=1, noises=NOISES):
+def campaign(
+    seed,
+    part=lambda x: x,
+    after=lambda y: y,
+    held_out=1,
+    finer=1,
+    noises=NOISES,
+    samples=SAMPLES,
+):
     """Four recordings; the noise of the input does not pass the chain.
 
     ``part`` acts at ``finer`` times the rate.
@@ -48,9 +56,9 @@ def campaign(seed, part=lambda x: x, after=lambda y: y, held_out=1, finer=1, noi
     rng = np.random.default_rng(seed)
     entries, channels = [], {}
     for i in range(4):
-        true = blows(rng, finer)
-        raw = true[::finer] + noises[0] * rng.standard_normal(SAMPLES)
-        out = after(part(true)[::finer] + noises[1] * rng.standard_normal(SAMPLES))
+        true = blows(rng, finer, samples)
+        raw = true[::finer] + noises[0] * rng.standard_normal(samples)
+        out = after(part(true)[::finer] + noises[1] * rng.standard_normal(samples))
         file = f'r{i}.mcap'
         entries.append({'file': file, 'role': 'hold_out' if i >= 4 - held_out else 'fit'})
         channels[file] = {
@@ -276,7 +284,7 @@ def test_a_sensor_that_rings_is_not_in_the_library(frequency, ratio):
     def share(x):
         return x + 0.02 * (ringing_sensor(frequency, ratio)(x) - x)
 
-    answer = explain_driven(campaign(6, share, finer=8))
+    answer = explain_driven(campaign(6, share, finer=8, samples=1600))
     assert answer.accepted == ('unknown',)
     told = float(answer.unexplained_description.split('resonance or a notch at ')[1].split()[0])
     assert told == pytest.approx(frequency, rel=0.1)

@@ -70,14 +70,14 @@ def test_a_weight_is_taken_anew_once_something_large_is_found(make_campaign):
 
 
 def test_nothing_is_missing_where_the_weight_goes_with_the_swing(make_campaign):
-    answer = explain(make_campaign(21, large_angles=True, duration=1.0))
+    answer = explain(make_campaign(21, large_angles=True, duration=0.6))
     assert answer.accepted == ()
     assert not answer.unexplained
 
 
 def test_friction_beside_a_weight_that_goes_with_the_swing(make_campaign):
     friction = Effect('coulomb_friction', {'force': 0.5})
-    answer = explain(make_campaign(22, [friction], large_angles=True, duration=1.0))
+    answer = explain(make_campaign(22, [friction], large_angles=True, duration=0.7, blows=2))
     assert answer.accepted == ('coulomb_friction',)
     force = answer.ranking[0].parameters['force']
     assert abs(force.value - 0.5) < 4.0 * force.std + 1e-4
@@ -97,7 +97,9 @@ def test_nothing_is_missing_whatever_the_loss_of_a_bare_contact_is_a_constant_of
 def test_friction_beside_a_contact_that_loses_by_its_own_speed(make_campaign):
     friction = Effect('coulomb_friction', {'force': 1.0})
     contact = BareContact(3e8, restitution=0.6, loss_of='contact')
-    answer = explain(make_campaign(46, [friction], bare=contact, baseline=BARE, rate=5000.0))
+    answer = explain(
+        make_campaign(46, [friction], bare=contact, baseline=BARE, duration=0.25, blows=2)
+    )
     assert answer.accepted == ('coulomb_friction',)
     force = answer.ranking[0].parameters['force']
     assert abs(force.value - 1.0) < 4.0 * force.std + 1e-4

@@ -36,7 +36,7 @@ def test_what_is_more_than_usual_is_less_likely():
 def test_a_weak_further_branch_of_the_layer(make_campaign):
     """It relaxes within milliseconds; a search from a strong one finds seconds."""
     branch = Effect('rate_dependent_damper', {'stiffness': 60.0, 'damping': 0.3})
-    answer = explain(make_campaign(31, [branch], rate=5000.0))
+    answer = explain(make_campaign(31, [branch], rate=5000.0, blows=2))
     assert answer.accepted == ('rate_dependent_damper',)
     found = answer.ranking[0].parameters
     for name, true in (('stiffness', 60.0), ('damping', 0.3)):

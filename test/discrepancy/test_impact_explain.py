@@ -37,7 +37,7 @@ def test_nothing_is_found_where_nothing_is_missing(make_campaign, orientation):
 
 
 def test_a_little_dry_friction_is_named_and_measured(make_campaign):
-    answer = explain(make_campaign(3, [Effect('coulomb_friction', {'force': 0.3})]))
+    answer = explain(make_campaign(3, [Effect('coulomb_friction', {'force': 0.3})], blows=2))
     assert answer.accepted == ('coulomb_friction',)
     assert answer.mismatch.subsystems == ('guide',)
     assert answer.mismatch.regions
@@ -50,7 +50,7 @@ def test_a_little_dry_friction_is_named_and_measured(make_campaign):
 @pytest.mark.slow
 def test_a_filter_in_one_channel_is_named_with_its_channel(make_campaign):
     effect = Effect('low_pass_filter', {'cutoff': 300.0, 'order': 2, 'zero_phase': 0}, 'force')
-    answer = explain(make_campaign(4, [effect]))
+    answer = explain(make_campaign(4, [effect], blows=2))
     assert answer.accepted == ('low_pass_filter',)
     assert answer.ranking[0].channel == 'force'
     assert parameter(answer, 'cutoff')[0] == pytest.approx(300.0, rel=0.03)
@@ -75,7 +75,7 @@ def test_a_wrong_label_is_told_with_its_recording(make_campaign):
 
 @pytest.mark.slow
 def test_the_same_campaign_gives_the_same_answer(make_campaign):
-    campaign = make_campaign(7, [Effect('quadratic_damping', {'coefficient': 30.0})])
+    campaign = make_campaign(7, [Effect('quadratic_damping', {'coefficient': 30.0})], blows=2)
     first, second = (explain(campaign).to_json() for _ in range(2))
     for item in (first, second):
         del item['duration_s']

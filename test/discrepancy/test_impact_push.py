@@ -12,8 +12,8 @@ PUSH = {'force': 5.0, 'start': 0.01, 'rise': 0.03}
 
 @pytest.mark.slow
 def test_a_push_that_ends_is_told_with_its_end(make_campaign):
-    made = make_campaign(71, [Effect('external_push', {**PUSH, 'hold': 0.08, 'fall': 0.04})])
-    answer = explain(made)
+    push = Effect('external_push', {**PUSH, 'hold': 0.08, 'fall': 0.04})
+    answer = explain(make_campaign(71, [push], blows=2))
     assert answer.accepted == ('external_push',)
     found = answer.findings[0].parameters
     for name, true in (*PUSH.items(), ('hold', 0.08), ('fall', 0.04)):
@@ -23,7 +23,7 @@ def test_a_push_that_ends_is_told_with_its_end(make_campaign):
 @pytest.mark.slow
 def test_the_end_of_a_strong_push_that_comes_late(make_campaign):
     push = {'force': 14.0, 'start': 0.02, 'rise': 0.06, 'hold': 0.15, 'fall': 0.09}
-    answer = explain(make_campaign(73, [Effect('external_push', push)]))
+    answer = explain(make_campaign(73, [Effect('external_push', push)], blows=2))
     assert answer.accepted == ('external_push',)
     found = answer.findings[0].parameters
     for name, true in push.items():
@@ -32,7 +32,7 @@ def test_the_end_of_a_strong_push_that_comes_late(make_campaign):
 
 @pytest.mark.slow
 def test_of_a_push_that_stays_no_end_is_told(make_campaign):
-    answer = explain(make_campaign(72, [Effect('external_push', PUSH)]))
+    answer = explain(make_campaign(72, [Effect('external_push', PUSH)], blows=2))
     assert answer.accepted == ('external_push',)
     found = answer.findings[0].parameters
     assert abs(found['force'].value - 5.0) < 4.0 * found['force'].std < 1.0

@@ -25,7 +25,7 @@ from impactscope.physics.twin.assembly import Effect
 
 
 def test_friction_names_its_family_and_the_simplest_stands_first(make_campaign):
-    answer = explain(make_campaign(51, [Effect('coulomb_friction', {'force': 0.3})]))
+    answer = explain(make_campaign(51, [Effect('coulomb_friction', {'force': 0.3})], blows=2))
     assert answer.accepted == ('coulomb_friction',)
     first = answer.ranking[0]
     assert first.name == 'coulomb_friction'
@@ -62,7 +62,7 @@ def test_which_friction_contains_which(make_campaign):
 @pytest.mark.slow
 def test_friction_of_two_sizes_is_not_taken_for_one(make_campaign):
     effect = Effect('asymmetric_friction', {'force_forward': 2.0, 'force_backward': 0.5})
-    answer = explain(make_campaign(52, [effect]))
+    answer = explain(make_campaign(52, [effect], blows=2))
     assert answer.accepted == ('asymmetric_friction',)
     assert 'coulomb_friction' not in answer.ranking[0].confused_with
 

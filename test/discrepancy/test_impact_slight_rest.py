@@ -7,12 +7,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from impactscope.discrepancy.evidence import Thresholds
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact import explain as answers
 from impactscope.discrepancy.impact.adequacy.residual_tests import Adequacy
+from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.physics.twin.assembly import Effect
 
 FRICTION = 4.0  # N: chi-square falls by more than a million
+
+
+@pytest.fixture(scope='module')
+def searched(make_campaign):
+    """A campaign with much friction, and what a search comes to in it."""
+    campaign = make_campaign(61, [Effect('coulomb_friction', {'force': FRICTION})])
+    return campaign, answers._searched(campaign, prepare(campaign), Thresholds(), lambda *_: None)
 
 
 @pytest.mark.parametrize(
@@ -23,15 +32,17 @@ FRICTION = 4.0  # N: chi-square falls by more than a million
         (math.inf, ('unknown',)),
     ],
 )
-def test_a_slight_rest_stands_beside_what_was_found(make_campaign, monkeypatch, excess, accepted):
+def test_a_slight_rest_stands_beside_what_was_found(searched, monkeypatch, excess, accepted):
+    campaign, found = searched
     plain = answers._unexplained
 
     def with_a_rest(outcome, thresholds):
         outcome.tests = Adequacy({'laws': 1e-6}, {'laws': excess}, 'stiffness that swings')
         return plain(outcome, thresholds)
 
+    monkeypatch.setattr(answers, '_searched', lambda *_: dataclasses.replace(found, notes=[]))
     monkeypatch.setattr(answers, '_unexplained', with_a_rest)
-    answer = explain(make_campaign(61, [Effect('coulomb_friction', {'force': FRICTION})]))
+    answer = explain(campaign)
     assert answer.accepted == accepted
     assert answer.unexplained
     assert 'stiffness that swings' in answer.unexplained_description
@@ -47,7 +58,7 @@ def test_a_slight_rest_stands_beside_what_was_found(make_campaign, monkeypatch, 
 def test_what_shows_in_the_held_out_recording_alone_stands_beside_what_was_found(make_campaign):
     friction = Effect('coulomb_friction', {'force': 2.0})
     stop = Effect('end_stop', {'travel': 2.2e-3, 'stiffness': 2000.0})
-    fitted, deeper = make_campaign(61, [friction]), make_campaign(61, [friction, stop])
+    fitted, deeper = (make_campaign(61, e, blows=2) for e in ([friction], [friction, stop]))
     recordings = (*fitted.recordings[:-1], deeper.recordings[-1])
     answer = explain(dataclasses.replace(fitted, recordings=recordings))
     assert answer.accepted == ('coulomb_friction', 'unknown')

@@ -85,7 +85,7 @@ def test_samples_count_when_the_hammer_has_gone(make_campaign, name):
     ['two humps', *(pytest.param(n, marks=pytest.mark.slow) for n in PULSES if n != 'two humps')],
 )
 def test_the_shape_of_a_pulse_is_no_finding(make_campaign, name):
-    answer = explain(make_campaign(21, tap=pulse(name), rate=MIXED))
+    answer = explain(make_campaign(21, tap=pulse(name), rate=MIXED, blows=2))
     assert answer.accepted == ()
     assert not answer.unexplained
     assert answer.fit.extended.reduced_chi_square < 1.1
@@ -96,10 +96,8 @@ def test_the_shape_of_a_pulse_is_no_finding(make_campaign, name):
     ['sin^2.5', *(pytest.param(n, marks=pytest.mark.slow) for n in ('steep rise', 'two humps'))],
 )
 def test_friction_is_found_whatever_the_pulse(make_campaign, name):
-    campaign = make_campaign(
-        22, [Effect('coulomb_friction', {'force': 0.3})], tap=pulse(name), rate=MIXED
-    )
-    answer = explain(campaign)
+    friction = Effect('coulomb_friction', {'force': 0.3})
+    answer = explain(make_campaign(22, [friction], tap=pulse(name), rate=MIXED, blows=2))
     assert answer.accepted == ('coulomb_friction',)
     item = answer.ranking[0].parameters['force']
     assert item.value == pytest.approx(0.3, abs=4 * item.std)

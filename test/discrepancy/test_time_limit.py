@@ -61,7 +61,7 @@ def test_the_limit_holds_within_its_context_alone():
 def test_a_search_without_time_still_names_what_is_plain_and_tells_what_it_left_out(
     make_campaign,
 ):
-    made = make_campaign(3, [Effect('coulomb_friction', {'force': 0.3})])
+    made = make_campaign(3, [Effect('coulomb_friction', {'force': 0.3})], blows=2)
     answer = explain(made, within_s=1e-3)
     assert answer.accepted == ('coulomb_friction',)
     assert any('Left out: ' in note for note in answer.notes)
