@@ -105,6 +105,13 @@ def test_friction_beside_a_contact_that_loses_by_its_own_speed(make_campaign):
     assert abs(force.value - 1.0) < 4.0 * force.std + 1e-4
 
 
+def test_a_choice_that_bends_numbers_until_a_push_makes_up_for_it(make_campaign):
+    """Bounces of one fitted blow are met by either choice; no fit leads from one to the other."""
+    answer = explain(make_campaign(22, large_angles=True, duration=0.7, blows=2))
+    assert answer.accepted == ()
+    assert any('with the swing' in note for note in answer.notes)
+
+
 def test_a_choice_that_misses_the_first_milliseconds_is_not_followed(monkeypatch):
     short, whole = SimpleNamespace(reduced=3.0, model=None), SimpleNamespace(reduced=1.0)
     monkeypatch.setattr(baseline_conventions, 'fit_baseline', lambda *_: whole)

@@ -90,6 +90,7 @@ _LEAST_CHANCE = 0.0027  # that noise alone gives it as much, whatever its number
 _FAR_BEHIND = 100.0  # of chi-square, that the last digits of a fit do not make up for
 _ROUGHLY = 1.0  # fall of chi-square at which a fit ends that only tells that
 _WORTH = 6.0  # of chi-square, that a number less is worth
+_AS_LONG = 0.98  # of the samples, that a baseline taken otherwise has to follow
 _MOVED = 1.0  # of chi-square, from which what is held out is predicted anew
 _PRUNED = 2  # rounds in which findings are asked for again
 _SIMPLER = 2  # candidates in place of several findings, that count from their lowest minima ...
@@ -190,6 +191,8 @@ class Search:
         """
         final = outcome.final
         other = fit(with_conventions_of(final.model, taken), final.layout, final.x, near=final)
+        if other.reduced > _TELLING * final.reduced:
+            return self._from_the_other(outcome, taken)
         if other.chi_square > final.chi_square + _LEAST_GAIN:
             return outcome
         model = with_conventions_of(outcome.baseline.model, other.model)
@@ -209,6 +212,21 @@ class Search:
         ahead = swung.final.chi_square < outcome.final.chi_square
         same = swung.final.chi_square < outcome.final.chi_square + _LEAST_GAIN
         return swung if ahead or (fewer and same) else outcome
+
+    def _from_the_other(self, outcome: Outcome, taken: ImpactModel) -> Outcome:
+        """The search from a baseline taken otherwise from the start, if it needs nothing else.
+
+        Bounces that one choice has bent the numbers to meet may be met by the other with numbers
+        to which no fit leads from these.
+        """
+        if not time_left('a cold start with names taken otherwise'):
+            return outcome
+        final = outcome.final
+        cold = fit_baseline(with_conventions_of(outcome.baseline.model, taken))
+        added = len(final.model.free) - len(outcome.baseline.model.free)
+        size, whole = final.layout.size, cold.layout.size  # a bin more or less that tells much
+        more = (cold.chi_square - whole) - (final.chi_square - size)
+        return self.run(cold) if whole > _AS_LONG * size and more <= _WORTH * added else outcome
 
     def _finished(self, outcome: Outcome) -> Outcome:
         """What can be spared goes; the numbers, what is certain of them, and the baseline then."""
