@@ -44,6 +44,7 @@ from impactscope.discrepancy.driven.models.parameter_layout import (
     WEIGHT_COSINE,
     WEIGHT_SINE,
 )
+from impactscope.physics.mechanisms.compiled import borrowed
 
 __all__ = [
     'lost_motion',
@@ -56,24 +57,10 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-Numbers = tuple[float, ...]  # parameters in the order of :mod:`.parameter_layout`
 
 MOST_TURNS = 6  # turns and stops located in one sub-step
 FAR = 1e9  # a state beyond this has run away
 FREE = 2  # in the place of a direction of sliding: no dry friction at all
-
-
-# fmt: off
-@law
-def _at_hand(p: Array) -> Numbers:
-    """The parameters in their order as a tuple: read once, where an array is read at every use."""
-    return (
-        p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7],
-        p[8], p[9], p[10], p[11], p[12], p[13], p[14], p[15],
-        p[16], p[17], p[18], p[19], p[20], p[21], p[22], p[23],
-        p[24], p[25], p[26], p[27], p[28], p[29], p[30], p[31],
-    )
-# fmt: on
 
 
 @law
@@ -88,52 +75,52 @@ def lost_motion(x: float, gap: float) -> float:
 
 
 @law
-def restoring(c: Numbers, x: float) -> float:
+def restoring(p: Array, x: float) -> float:
     """Force that depends on the position alone, against it."""
-    w = math.sin(x - c[SINE_ZERO]) if c[SINE] > 0.5 else x
-    if c[GAP] > 0.0:
-        w = lost_motion(w, c[GAP])
-    force = w * (c[STIFFNESS] + w * (c[SQUARE] + w * c[CUBIC]))
-    if c[STOP_STIFFNESS] > 0.0 and (x > 0.0 or c[STOP_ONE_WAY] < 0.5):
-        force += c[STOP_STIFFNESS] * lost_motion(x, 2.0 * c[STOP_TRAVEL])
-    if c[WEIGHT_SINE] != 0.0 or c[WEIGHT_COSINE] != 0.0:
-        force += c[WEIGHT_SINE] * math.sin(x) + c[WEIGHT_COSINE] * math.cos(x)
+    w = math.sin(x - p[SINE_ZERO]) if p[SINE] > 0.5 else x
+    if p[GAP] > 0.0:
+        w = lost_motion(w, p[GAP])
+    force = w * (p[STIFFNESS] + w * (p[SQUARE] + w * p[CUBIC]))
+    if p[STOP_STIFFNESS] > 0.0 and (x > 0.0 or p[STOP_ONE_WAY] < 0.5):
+        force += p[STOP_STIFFNESS] * lost_motion(x, 2.0 * p[STOP_TRAVEL])
+    if p[WEIGHT_SINE] != 0.0 or p[WEIGHT_COSINE] != 0.0:
+        force += p[WEIGHT_SINE] * math.sin(x) + p[WEIGHT_COSINE] * math.cos(x)
     return float(force)
 
 
 @law
-def yielding_rate(c: Numbers, v: float, h: float) -> float:
+def yielding_rate(p: Array, v: float, h: float) -> float:
     """Rate of the hysteretic element's elongation (Bouc and Wen)."""
     size = abs(h)
-    bent = c[HYSTERESIS_CLOSING] * abs(v) * h + c[HYSTERESIS_LEANING] * v * size
-    if c[HYSTERESIS_EXPONENT] != 1.0 and size > 0.0:
-        bent *= size ** (c[HYSTERESIS_EXPONENT] - 1.0)
+    bent = p[HYSTERESIS_CLOSING] * abs(v) * h + p[HYSTERESIS_LEANING] * v * size
+    if p[HYSTERESIS_EXPONENT] != 1.0 and size > 0.0:
+        bent *= size ** (p[HYSTERESIS_EXPONENT] - 1.0)
     return float(v - bent)
 
 
 @law
-def _load(c: Numbers, u: float, x: float, v: float, h: float) -> float:
+def _load(p: Array, u: float, x: float, v: float, h: float) -> float:
     """Force on the mass without dry friction."""
-    force = u + c[INPUT_OFFSET] - c[DAMPING] * v - restoring(c, x)
-    force -= abs(v) * (c[SKEW_DAMPING] + c[QUADRATIC_DAMPING] * v)
-    return float(force - c[HYSTERESIS_STIFFNESS] * h)
+    force = u + p[INPUT_OFFSET] - p[DAMPING] * v - restoring(p, x)
+    force -= abs(v) * (p[SKEW_DAMPING] + p[QUADRATIC_DAMPING] * v)
+    return float(force - p[HYSTERESIS_STIFFNESS] * h)
 
 
 @law
-def _friction(c: Numbers, v: float, way: int) -> float:
+def _friction(p: Array, v: float, way: int) -> float:
     """Force of dry friction on a mass that slides ``way`` (+1, -1)."""
-    level = c[KINETIC_FORWARD] if way > 0 else c[KINETIC_BACKWARD]
-    if c[STATIC_EXCESS] > 0.0:
-        level += c[STATIC_EXCESS] * math.exp(-((v / c[STRIBECK_SPEED]) ** 2))
+    level = p[KINETIC_FORWARD] if way > 0 else p[KINETIC_BACKWARD]
+    if p[STATIC_EXCESS] > 0.0:
+        level += p[STATIC_EXCESS] * math.exp(-((v / p[STRIBECK_SPEED]) ** 2))
     return float(-way * level)
 
 
 @law
-def _rate(c: Numbers, u: float, x: float, v: float, h: float, way: int) -> float:
-    force = _load(c, u, x, v, h)
+def _rate(p: Array, u: float, x: float, v: float, h: float, way: int) -> float:
+    force = _load(p, u, x, v, h)
     if way != 0:
-        force += _friction(c, v, way)
-    return float(force / c[MASS])
+        force += _friction(p, v, way)
+    return float(force / p[MASS])
 
 
 @compiled
@@ -141,32 +128,22 @@ def _step(
     p: Array, u0: float, um: float, u1: float, x: float, v: float, h: float, way: int, dt: float
 ) -> tuple[float, float, float]:
     """One step of order 4 while the direction of sliding stays."""
-    c = _at_hand(p)
-    yields = c[HYSTERESIS_STIFFNESS] != 0.0
-    s = 0.5 * dt
-    a1 = a2 = a3 = a4 = g1 = g2 = g3 = g4 = 0.0
-    v2 = v3 = v4 = 0.0
-    at, speed, slip, u = x, v, h, u0
-    for stage in range(4):
-        if stage == 1:
-            at, v2, slip, u = x + s * v, v + s * a1, h + s * g1, um
-            speed = v2
-        elif stage == 2:
-            at, v3, slip = x + s * v2, v + s * a2, h + s * g2
-            speed = v3
-        elif stage == 3:
-            at, v4, slip, u = x + dt * v3, v + dt * a3, h + dt * g3, u1
-            speed = v4
-        a = _rate(c, u, at, speed, slip, way)
-        g = yielding_rate(c, speed, slip) if yields else 0.0
-        if stage == 0:
-            a1, g1 = a, g
-        elif stage == 1:
-            a2, g2 = a, g
-        elif stage == 2:
-            a3, g3 = a, g
-        else:
-            a4, g4 = a, g
+    p = borrowed(p)
+    yields = p[HYSTERESIS_STIFFNESS] != 0.0
+    a1 = _rate(p, u0, x, v, h, way)
+    g1 = yielding_rate(p, v, h) if yields else 0.0
+    v2 = v + 0.5 * dt * a1
+    h2 = h + 0.5 * dt * g1
+    a2 = _rate(p, um, x + 0.5 * dt * v, v2, h2, way)
+    g2 = yielding_rate(p, v2, h2) if yields else 0.0
+    v3 = v + 0.5 * dt * a2
+    h3 = h + 0.5 * dt * g2
+    a3 = _rate(p, um, x + 0.5 * dt * v2, v3, h3, way)
+    g3 = yielding_rate(p, v3, h3) if yields else 0.0
+    v4 = v + dt * a3
+    h4 = h + dt * g3
+    a4 = _rate(p, u1, x + dt * v3, v4, h4, way)
+    g4 = yielding_rate(p, v4, h4) if yields else 0.0
     return (
         x + dt * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0,
         v + dt * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
@@ -175,38 +152,38 @@ def _step(
 
 
 @law
-def _base_rate(c: Numbers, pull: float, xb: float, vb: float) -> float:
+def _base_rate(p: Array, pull: float, xb: float, vb: float) -> float:
     """Acceleration of a base that the mass's suspension, or its drive, pulls with ``pull``."""
-    return float((pull - c[BASE_DAMPING] * vb - c[BASE_STIFFNESS] * xb) / c[BASE_MASS])
+    return float((pull - p[BASE_DAMPING] * vb - p[BASE_STIFFNESS] * xb) / p[BASE_MASS])
 
 
-@law
+@compiled
 def _soft_rates(
-    c: Numbers, u: float, x: float, v: float, h: float, xb: float, vb: float, way: int
+    p: Array, u: float, x: float, v: float, h: float, xb: float, vb: float, way: int
 ) -> tuple[float, float, float]:
     """Rates of the relative speed, the base's speed and the yielding element.
 
     ``way``: in which the mass slides on its base (+1, -1), 0 where friction holds it there, FREE
     without dry friction.
     """
-    force = _load(c, u, x, v, h)
+    force = _load(p, u, x, v, h)
     if way == 1 or way == -1:
-        force += _friction(c, v, way)
-    pull = -force if c[BASE_REACTS] > 0.5 else u + c[INPUT_OFFSET] - force
-    base = _base_rate(c, pull, xb, vb)
-    apart = force / c[MASS] - base
+        force += _friction(p, v, way)
+    pull = -force if p[BASE_REACTS] > 0.5 else u + p[INPUT_OFFSET] - force
+    base = _base_rate(p, pull, xb, vb)
+    apart = force / p[MASS] - base
     if way == 0:  # what friction must hold so that both move as one
-        return 0.0, base + apart / (1.0 + c[BASE_MASS] / c[MASS]), 0.0
-    yields = yielding_rate(c, v, h) if c[HYSTERESIS_STIFFNESS] != 0.0 else 0.0
+        return 0.0, base + apart / (1.0 + p[BASE_MASS] / p[MASS]), 0.0
+    yields = yielding_rate(p, v, h) if p[HYSTERESIS_STIFFNESS] != 0.0 else 0.0
     return apart, base, yields
 
 
 @law
-def _soft_load(c: Numbers, u: float, state: tuple[float, float, float, float, float]) -> float:
+def _soft_load(p: Array, u: float, state: tuple[float, float, float, float, float]) -> float:
     """Force that dry friction must hold so that a mass rests on its base."""
     x, _, h, xb, vb = state
-    apart, _, _ = _soft_rates(c, u, x, 0.0, h, xb, vb, FREE)
-    return float(apart / (1.0 / c[MASS] + 1.0 / c[BASE_MASS]))
+    apart, _, _ = _soft_rates(p, u, x, 0.0, h, xb, vb, FREE)
+    return float(apart / (1.0 / p[MASS] + 1.0 / p[BASE_MASS]))
 
 
 @compiled
@@ -218,16 +195,16 @@ def _soft_step(
     dt: float,
 ) -> tuple[float, float, float, float, float]:
     """One step of order 4 on a base that gives way, while the direction of sliding stays."""
-    c = _at_hand(p)
+    p = borrowed(p)
     x, v, h, xb, vb = state
-    a1, b1, g1 = _soft_rates(c, u[0], x, v, h, xb, vb, way)
+    a1, b1, g1 = _soft_rates(p, u[0], x, v, h, xb, vb, way)
     s = 0.5 * dt
     v2, w2 = v + s * a1, vb + s * b1
-    a2, b2, g2 = _soft_rates(c, u[1], x + s * v, v2, h + s * g1, xb + s * vb, w2, way)
+    a2, b2, g2 = _soft_rates(p, u[1], x + s * v, v2, h + s * g1, xb + s * vb, w2, way)
     v3, w3 = v + s * a2, vb + s * b2
-    a3, b3, g3 = _soft_rates(c, u[1], x + s * v2, v3, h + s * g2, xb + s * w2, w3, way)
+    a3, b3, g3 = _soft_rates(p, u[1], x + s * v2, v3, h + s * g2, xb + s * w2, w3, way)
     v4, w4 = v + dt * a3, vb + dt * b3
-    a4, b4, g4 = _soft_rates(c, u[2], x + dt * v3, v4, h + dt * g3, xb + dt * w3, w4, way)
+    a4, b4, g4 = _soft_rates(p, u[2], x + dt * v3, v4, h + dt * g3, xb + dt * w3, w4, way)
     return (
         x + dt * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0,
         v + dt * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
@@ -244,11 +221,11 @@ def _between(u0: float, um: float, u1: float, s: float) -> float:
 
 
 @law
-def _held(c: Numbers, load: float) -> int:
+def _held(p: Array, load: float) -> int:
     """0 where friction holds a resting mass, else the way in which it sets off."""
-    if load > c[KINETIC_FORWARD] + c[STATIC_EXCESS]:
+    if load > p[KINETIC_FORWARD] + p[STATIC_EXCESS]:
         return 1
-    if load < -(c[KINETIC_BACKWARD] + c[STATIC_EXCESS]):
+    if load < -(p[KINETIC_BACKWARD] + p[STATIC_EXCESS]):
         return -1
     return 0
 
@@ -258,7 +235,7 @@ def _rough_step(
     p: Array, u0: float, um: float, u1: float, x: float, v: float, h: float, way: int, dt: float
 ) -> tuple[float, float, float, int]:
     """One sub-step with dry friction: as many turns, stops and starts as fall into it."""
-    c = _at_hand(p)
+    p = borrowed(p)
     done = 0.0
     for _ in range(MOST_TURNS):
         left = 1.0 - done
@@ -267,15 +244,15 @@ def _rough_step(
         a = _between(u0, um, u1, done)
         if way == 0:
             # At rest: does the load exceed what friction holds before the sub-step ends?
-            start = _load(c, a, x, 0.0, h)
-            end = _load(c, u1, x, 0.0, h)
-            way = _held(c, start)
+            start = _load(p, a, x, 0.0, h)
+            end = _load(p, u1, x, 0.0, h)
+            way = _held(p, start)
             if way == 0:
-                way = _held(c, end)
+                way = _held(p, end)
                 if way == 0:
                     return x, 0.0, h, 0
-                limit = c[STATIC_EXCESS]
-                limit += c[KINETIC_FORWARD] if way > 0 else c[KINETIC_BACKWARD]
+                limit = p[STATIC_EXCESS]
+                limit += p[KINETIC_FORWARD] if way > 0 else p[KINETIC_BACKWARD]
                 done += left * (way * limit - start) / (end - start)
                 continue
         m = _between(u0, um, u1, done + 0.5 * left)
@@ -290,7 +267,7 @@ def _rough_step(
             m = _between(u0, um, u1, done + 0.5 * share * left)
             b = _between(u0, um, u1, done + share * left)
             x1, v1, h1 = _step(p, a, m, b, x, v, h, way, share * left * dt)
-            slope = _rate(c, b, x1, v1, h1, way) * left * dt
+            slope = _rate(p, b, x1, v1, h1, way) * left * dt
             if slope * way < 0.0:
                 share = min(max(share - v1 / slope, 0.0), 1.0)
         if share > 0.0:
@@ -299,7 +276,7 @@ def _rough_step(
             x, v, h = _step(p, a, m, b, x, v, h, way, share * left * dt)
             done += share * left
         v = 0.0
-        way = _held(c, _load(c, _between(u0, um, u1, done), x, 0.0, h))
+        way = _held(p, _load(p, _between(u0, um, u1, done), x, 0.0, h))
     return x, v, h, way
 
 
@@ -312,7 +289,7 @@ def _rough_soft_step(
     dt: float,
 ) -> tuple[tuple[float, float, float, float, float], int]:
     """One sub-step of :func:`_rough_step` on a base that gives way, and the way after it."""
-    c = _at_hand(p)
+    p = borrowed(p)
     u0, um, u1 = u
     done = 0.0
     for _ in range(MOST_TURNS):
@@ -322,16 +299,16 @@ def _rough_soft_step(
         a = _between(u0, um, u1, done)
         m = _between(u0, um, u1, done + 0.5 * left)
         if way == 0:
-            start = _soft_load(c, a, state)
-            way = _held(c, start)
+            start = _soft_load(p, a, state)
+            way = _held(p, start)
             if way == 0:
                 rested = _soft_step(p, (a, m, u1), state, 0, left * dt)
-                end = _soft_load(c, u1, rested)
-                way = _held(c, end)
+                end = _soft_load(p, u1, rested)
+                way = _held(p, end)
                 if way == 0:
                     return rested, 0
-                limit = c[STATIC_EXCESS]
-                limit += c[KINETIC_FORWARD] if way > 0 else c[KINETIC_BACKWARD]
+                limit = p[STATIC_EXCESS]
+                limit += p[KINETIC_FORWARD] if way > 0 else p[KINETIC_BACKWARD]
                 share = (way * limit - start) / (end - start)
                 m = _between(u0, um, u1, done + 0.5 * share * left)
                 b = _between(u0, um, u1, done + share * left)
@@ -349,7 +326,7 @@ def _rough_soft_step(
             m = _between(u0, um, u1, done + 0.5 * share * left)
             b = _between(u0, um, u1, done + share * left)
             x1, v1, h1, xb, vb = _soft_step(p, (a, m, b), state, way, share * left * dt)
-            slope = _soft_rates(c, b, x1, v1, h1, xb, vb, way)[0] * left * dt
+            slope = _soft_rates(p, b, x1, v1, h1, xb, vb, way)[0] * left * dt
             if slope * way < 0.0:
                 share = min(max(share - v1 / slope, 0.0), 1.0)
         if share > 0.0:
@@ -358,17 +335,17 @@ def _rough_soft_step(
             state = _soft_step(p, (a, m, b), state, way, share * left * dt)
             done += share * left
         state = (state[0], 0.0, state[2], state[3], state[4])
-        way = _held(c, _soft_load(c, _between(u0, um, u1, done), state))
+        way = _held(p, _soft_load(p, _between(u0, um, u1, done), state))
     return state, way
 
 
 @law
-def _linear(c: Numbers) -> bool:
+def _linear(p: Array) -> bool:
     """Whether nothing but dry friction of one level a way keeps the mass from being linear."""
-    spring = c[SQUARE] != 0.0 or c[CUBIC] != 0.0 or c[GAP] > 0.0 or c[STOP_STIFFNESS] > 0.0
-    damper = c[QUADRATIC_DAMPING] != 0.0 or c[SKEW_DAMPING] != 0.0 or c[STATIC_EXCESS] > 0.0
-    weight = c[SINE] > 0.5 or c[WEIGHT_SINE] != 0.0 or c[WEIGHT_COSINE] != 0.0
-    return not (spring or damper or weight or c[HYSTERESIS_STIFFNESS] != 0.0)
+    spring = p[SQUARE] != 0.0 or p[CUBIC] != 0.0 or p[GAP] > 0.0 or p[STOP_STIFFNESS] > 0.0
+    damper = p[QUADRATIC_DAMPING] != 0.0 or p[SKEW_DAMPING] != 0.0 or p[STATIC_EXCESS] > 0.0
+    weight = p[SINE] > 0.5 or p[WEIGHT_SINE] != 0.0 or p[WEIGHT_COSINE] != 0.0
+    return not (spring or damper or weight or p[HYSTERESIS_STIFFNESS] != 0.0)
 
 
 @compiled
@@ -415,7 +392,7 @@ def _linear_soft_step(p: Array, way: int, dt: float) -> Array:
         y = np.zeros(8)
         y[k] = 1.0
         state = (y[0], y[1], 0.0, y[2], y[3])
-        made[4, k] = _soft_load(_at_hand(bare), y[4], state)
+        made[4, k] = _soft_load(bare, y[4], state)
         bare[KINETIC_FORWARD] = -y[7]  # a friction that pushes by one
         moved = _soft_step(bare, (y[4], y[5], y[6]), state, way, dt)
         made[0, k], made[1, k], made[2, k], made[3, k] = moved[0], moved[1], moved[3], moved[4]
@@ -437,28 +414,29 @@ def run_on_base(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -
 
     ``out``: position and speed relative to the base, acceleration of the mass, elongation.
     """
-    c = _at_hand(p)
+    p, u, out = borrowed(p), borrowed(u), borrowed(out)
     n = out.shape[0]
     steps = (u.shape[1] - 1) // 2
-    rough = c[KINETIC_FORWARD] != 0.0 or c[KINETIC_BACKWARD] != 0.0 or c[STATIC_EXCESS] > 0.0
+    rough = p[KINETIC_FORWARD] != 0.0 or p[KINETIC_BACKWARD] != 0.0 or p[STATIC_EXCESS] > 0.0
     way = FREE
     if rough:
         way = 0
         if v != 0.0:
             way = 1 if v > 0.0 else -1
-    plain = _linear(c)
-    sliding = _linear_soft_step(p, 1, dt / steps) if plain else np.zeros((5, 8))
-    resting = _linear_soft_step(p, 0, dt / steps) if plain and rough else sliding
-    offset = c[INPUT_OFFSET]
+    plain = _linear(p)
+    slid = _linear_soft_step(p, 1, dt / steps) if plain else np.zeros((5, 8))
+    rested = _linear_soft_step(p, 0, dt / steps) if plain and rough else slid
+    sliding, resting = borrowed(slid), borrowed(rested)
+    offset = p[INPUT_OFFSET]
     state = (x, v, 0.0, 0.0, 0.0)
     for i in range(n):
         first = u[i, 0] if i < n - 1 else u[n - 2, 2 * steps]
         out[i, 0], out[i, 1], out[i, 3] = state[0], state[1], state[2]
         now = way
         if way == 0:
-            now = _held(c, _soft_load(c, first, state))
+            now = _held(p, _soft_load(p, first, state))
         apart, base, _ = _soft_rates(
-            c, first, state[0], state[1], state[2], state[3], state[4], now
+            p, first, state[0], state[1], state[2], state[3], state[4], now
         )
         out[i, 2] = apart + base
         if i == n - 1:
@@ -469,9 +447,9 @@ def run_on_base(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -
                 # as long as it slides one way its friction is a constant force, at rest none
                 rub = 0.0
                 if way == 1:
-                    rub = -c[KINETIC_FORWARD]
+                    rub = -p[KINETIC_FORWARD]
                 elif way == -1:
-                    rub = c[KINETIC_BACKWARD]
+                    rub = p[KINETIC_BACKWARD]
                 a = sliding if way != 0 else resting
                 y = (state[0], state[1], state[3], state[4])
                 f = (inside[0] + offset, inside[1] + offset, inside[2] + offset)
@@ -480,8 +458,8 @@ def run_on_base(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -
                 stays = way == FREE or (way != 0 and v1 * way >= 0.0)
                 if way == 0 and state[1] == 0.0:
                     end = (f[2], 0.0, 0.0)
-                    stays = _held(c, _straight_row(a, 4, y, f, 0.0)) == 0
-                    stays &= _held(c, _straight_row(a, 4, (x1, 0.0, xb, vb), end, 0.0)) == 0
+                    stays = _held(p, _straight_row(a, 4, y, f, 0.0)) == 0
+                    stays &= _held(p, _straight_row(a, 4, (x1, 0.0, xb, vb), end, 0.0)) == 0
                 if stays:
                     state = (x1, v1, 0.0, xb, vb)
                     continue
@@ -509,12 +487,12 @@ def run(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -> bool:
         out: position, speed, acceleration and elongation of the hysteretic element at each
             sample, shape (n, 4); filled.
     """
-    c = _at_hand(p)
+    p, u, out = borrowed(p), borrowed(u), borrowed(out)
     n = out.shape[0]
     steps = (u.shape[1] - 1) // 2
     part = dt / steps
-    rough = c[KINETIC_FORWARD] != 0.0 or c[KINETIC_BACKWARD] != 0.0 or c[STATIC_EXCESS] > 0.0
-    plain = _linear(c)
+    rough = p[KINETIC_FORWARD] != 0.0 or p[KINETIC_BACKWARD] != 0.0 or p[STATIC_EXCESS] > 0.0
+    plain = _linear(p)
     straight = _linear_step(p, part) if plain else np.zeros((2, 5))
     h = 0.0
     way = 0
@@ -524,10 +502,10 @@ def run(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -> bool:
         first = u[i, 0] if i < n - 1 else u[n - 2, 2 * steps]
         out[i, 0] = x
         out[i, 1] = v
-        if rough and way == 0 and _held(c, _load(c, first, x, 0.0, h)) == 0:
+        if rough and way == 0 and _held(p, _load(p, first, x, 0.0, h)) == 0:
             out[i, 2] = 0.0
         else:
-            out[i, 2] = _rate(c, first, x, v, h, way)
+            out[i, 2] = _rate(p, first, x, v, h, way)
         out[i, 3] = h
         if i == n - 1:
             break
@@ -535,9 +513,9 @@ def run(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -> bool:
             u0, um, u1 = u[i, 2 * j], u[i, 2 * j + 1], u[i, 2 * j + 2]
             if plain and (way != 0 or not rough):
                 # as long as it slides one way its friction is one more constant force
-                more = c[INPUT_OFFSET]
+                more = p[INPUT_OFFSET]
                 if way != 0:
-                    more -= c[KINETIC_FORWARD] if way > 0 else -c[KINETIC_BACKWARD]
+                    more -= p[KINETIC_FORWARD] if way > 0 else -p[KINETIC_BACKWARD]
                 x1, v1 = _straight_step(straight, x, v, u0 + more, um + more, u1 + more)
                 if v1 * way >= 0.0:
                     x, v = x1, v1
@@ -612,14 +590,14 @@ def yielded(h: float, moved: float, closing: float, leaning: float) -> float:
 @compiled
 def smooth_force(p: Array, x: Array, v: Array, a: Array, out: Array) -> None:
     """Force of mass, dampers, springs and the yielding element, shape (n,); fills ``out``."""
-    c = _at_hand(p)
+    p, x, v, a, out = borrowed(p), borrowed(x), borrowed(v), borrowed(a), borrowed(out)
     h = 0.0
     for i in range(x.size):
-        force = c[MASS] * a[i] + c[DAMPING] * v[i] + restoring(c, x[i]) + c[INPUT_OFFSET]
-        force += abs(v[i]) * (c[SKEW_DAMPING] + c[QUADRATIC_DAMPING] * v[i])
-        if c[HYSTERESIS_STIFFNESS] != 0.0:
+        force = p[MASS] * a[i] + p[DAMPING] * v[i] + restoring(p, x[i]) + p[INPUT_OFFSET]
+        force += abs(v[i]) * (p[SKEW_DAMPING] + p[QUADRATIC_DAMPING] * v[i])
+        if p[HYSTERESIS_STIFFNESS] != 0.0:
             if i > 0:
                 moved = x[i] - x[i - 1]
-                h = yielded(h, moved, c[HYSTERESIS_CLOSING], c[HYSTERESIS_LEANING])
-            force += c[HYSTERESIS_STIFFNESS] * h
+                h = yielded(h, moved, p[HYSTERESIS_CLOSING], p[HYSTERESIS_LEANING])
+            force += p[HYSTERESIS_STIFFNESS] * h
         out[i] = force
