@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.physics.mechanisms.clearance import slack
-from impactscope.physics.mechanisms.compiled import chained, compiled, law
+from impactscope.physics.mechanisms.compiled import borrowed, chained, compiled, law
 from impactscope.physics.mechanisms.end_stop import stop_energy, stop_force
 from impactscope.physics.mechanisms.hardening_spring import cubic_energy, cubic_force
 from impactscope.physics.mechanisms.hysteresis import yielding_rate
@@ -294,6 +294,7 @@ def accelerations(
 @compiled
 def derivative(par: Array, t: float, y: Array, contact: int, guide: int, dy: Array) -> None:
     """Fill ``dy``, the rate of change of the state."""
+    par, y, dy = borrowed(par), borrowed(y), borrowed(dy)
     acting = forces(par, t, y, contact, guide)
     pushed, friction, viscous, drive, flexure = acting
     plate, impactor, second, base = accelerations(par, t, y, contact, acting)
@@ -344,6 +345,7 @@ def guard(
     par: Array, y: Array, t: float, contact: int, guide: int, region: int
 ) -> tuple[float, float, float]:
     """Three numbers that are positive while contact, guide and spring stay in their modes."""
+    par, y = borrowed(par), borrowed(y)
     on_contact = 1.0
     if contact == at.OPEN:
         on_contact = y[at.X] - y[at.P]

@@ -154,6 +154,7 @@ def _write(
     par: Array, t: float, y: Array, contact: int, guide: int, rows: Array, at_row: int
 ) -> None:
     """Row ``at_row`` of the output from one state."""
+    par, y, rows = borrowed(par), borrowed(y), borrowed(rows)
     acting = forces(par, t, y, contact, guide)
     plate, impactor, _, base = accelerations(par, t, y, contact, acting)
     compression = y[at.X] - y[at.B]
@@ -201,6 +202,15 @@ def _leaving(
 
     ``dense`` is prepared where one does.
     """
+    par, y, y_new, moving, k, dense, work = (
+        borrowed(par),
+        borrowed(y),
+        borrowed(y_new),
+        borrowed(moving),
+        borrowed(k),
+        borrowed(dense),
+        borrowed(work),
+    )
     contact, guide, region = modes
     g0 = guard(par, y, t, contact, guide, region)
     g1 = guard(par, y_new, t + h, contact, guide, region)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.physics.mechanisms.compiled import compiled
+from impactscope.physics.mechanisms.compiled import borrowed, compiled
 from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.equations import derivative
 
@@ -46,6 +46,13 @@ def step(
 
     What is not among ``moving`` stays as it is in ``y_new``.
     """
+    par, y, moving, k, y_new = (
+        borrowed(par),
+        borrowed(y),
+        borrowed(moving),
+        borrowed(k),
+        borrowed(y_new),
+    )
     for i in moving:
         y_new[i] = y[i] + h * 0.2 * k[0, i]
     derivative(par, t + 0.2 * h, y_new, contact, guide, k[1])
@@ -77,6 +84,7 @@ def local_error(
 
     A contact whose loss ends it with a corner of its force is booked as exactly as it moves.
     """
+    y, y_new, moving, k = borrowed(y), borrowed(y_new), borrowed(moving), borrowed(k)
     worst = 0.0
     for i in moving:
         fine = 0.05 if i in (at.V, at.VP, at.VQ, at.VB) else 2e-4  # m/s and m that matter
@@ -92,6 +100,7 @@ def local_error(
 @compiled
 def prepare_dense(moving: IntArray, k: Array, dense: Array) -> None:
     """Coefficients of the dense output by powers of the share, from the stages of a step."""
+    moving, k, dense = borrowed(moving), borrowed(k), borrowed(dense)
     for i in moving:
         for power in range(4):
             total = _DENSE[0, power] * k[0, i]
@@ -105,6 +114,7 @@ def dense_state(
     y: Array, h: float, moving: IntArray, dense: Array, share: float, out: Array
 ) -> None:
     """State at ``share`` of the step, on the dense output; what does not move is left alone."""
+    y, moving, dense, out = borrowed(y), borrowed(moving), borrowed(dense), borrowed(out)
     for i in moving:
         slope = dense[i, 2] + share * dense[i, 3]
         slope = dense[i, 0] + share * (dense[i, 1] + share * slope)
