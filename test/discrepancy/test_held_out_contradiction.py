@@ -110,6 +110,31 @@ def test_what_predicts_better_takes_the_place_of_what_explains_as_much(
 
 
 @pytest.mark.parametrize(
+    ('struck', 'behind', 'takes_its_place'),
+    [
+        (('tap', 'robot'), 12.0, True),
+        (('tap', 'robot'), 30.0, False),
+        (('robot', 'pendulum'), 12.0, False),
+        (('drop',), 1.0, False),
+    ],
+)
+def test_a_robot_pushes_before_it_weighs(monkeypatch, struck, behind, takes_its_place):
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: SimpleNamespace(reduced=1.0))
+    blows = [SimpleNamespace(recording=SimpleNamespace(kind=kind)) for kind in struck]
+    weight = found_of(candidate_of('gravity_load'), -40.0)
+    push = found_of(candidate_of('external_push'), behind - 40.0)
+    for found in (weight, push):
+        found.fit.model.data = SimpleNamespace(held_out=(), blows=blows)
+    outcome = Outcome(weight.fit, weight.fit, [weight.candidate])
+    outcome.found['gravity_load'], outcome.rivals['gravity_load'] = weight, [push]
+    outcome.held_out_final = SimpleNamespace(reduced=1.0)
+    held_out._by_what_strikes(outcome)
+    assert (outcome.accepted == [push.candidate]) is takes_its_place
+    (best,) = outcome.accepted
+    assert outcome.found[best.label].criterion < outcome.rivals[best.label][0].criterion
+
+
+@pytest.mark.parametrize(
     ('unforeseen', 'left', 'together', 'takes_its_place'),
     [
         (3.0, 1.2, 60.0, True),  # contradicted: a rival far behind is heard

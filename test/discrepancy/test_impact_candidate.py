@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import pytest
 
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.impact.candidates import catalogue
 from impactscope.discrepancy.impact.candidates.candidate import Candidate, stronger
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.data.blows import prepare
@@ -61,19 +59,3 @@ def test_a_weight_that_goes_with_the_geometry_has_to_explain_more(make_campaign)
     plain, by_geometry = (listed[f'restoring_force{form}'] for form in ('', ' (by geometry)'))
     assert by_geometry.doubt > plain.doubt
     assert by_geometry.cost == plain.cost
-
-
-@pytest.mark.parametrize(
-    ('kinds', 'doubted'),
-    [(('tap', 'robot'), True), (('robot', 'pendulum'), False), (('tap', 'drop'), False)],
-)
-def test_where_robots_alone_strike_their_weight_is_less_likely_than_a_push(
-    make_campaign, monkeypatch, kinds, doubted
-):
-    campaign = make_campaign(3, baseline=('linear_sensor', 'zener_damper', 'unilateral_contact'))
-    found = fit_baseline(baseline_model(campaign, prepare(campaign)))
-    blows = [SimpleNamespace(recording=SimpleNamespace(kind=kind)) for kind in kinds]
-    alone = catalogue._robots_alone(SimpleNamespace(data=SimpleNamespace(blows=blows)))
-    monkeypatch.setattr(catalogue, '_robots_alone', lambda _: alone)
-    listed = {c.label: c for c in candidates(found, campaign.baseline_names)}
-    assert (listed['gravity_load'].doubt > listed['external_push'].doubt) is doubted

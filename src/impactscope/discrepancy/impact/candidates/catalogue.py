@@ -35,7 +35,6 @@ _PULSE_KNOWN = 0.3  # relative, of a tap's duration
 _RINGS = tuple(float(f) for f in np.geomspace(20.0, 1200.0, 29))  # Hz, where a part may ring
 _MOST_STARTS = 36  # of a candidate
 _WEIGHTS = ('gravity_load', 'restoring_force')
-_HELD_UP = 20.0  # of chi-square: what a push costs beyond a weight, whose numbers are fewer
 _TIED = 1.0  # of chi-square, by which a weight that goes with the geometry has to explain more
 
 
@@ -91,7 +90,6 @@ def _bench_candidates(
         }
         | {f'{active.tag}.{p.name}': math.inf for p in fitted if p.name == vanishes},
         along=tuple(f'{active.tag}.{p.name}' for p in fitted if p.with_strength),
-        doubt=_HELD_UP if kind.name == 'gravity_load' and _robots_alone(model) else 0.0,
     )
     yield candidate
     shares = implied_shares(model, kind.name) if kind.name in _WEIGHTS else {}
@@ -107,12 +105,6 @@ def _bench_candidates(
             amplitudes=candidate.amplitudes,
             doubt=_TIED,
         )
-
-
-def _robots_alone(model: ImpactModel) -> bool:
-    """Whether all that strikes are robots, whose weight rests on their joints: they push."""
-    kinds = {blow.recording.kind for blow in model.data.blows}
-    return kinds - {'tap'} == {'robot'}
 
 
 def _pulses(model: ImpactModel) -> Iterator[Free]:

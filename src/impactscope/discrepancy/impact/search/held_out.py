@@ -33,6 +33,8 @@ _NOT_QUITE = 0.03  # share of what findings gain in the fitted recordings
 _CONFIRMED = 4  # candidates that are held against the held-out recordings
 _OPEN = 10.0  # of the criterion, within which they decide between a finding and its rivals
 _MADE_GOOD = 0.5  # of what held-out recordings are missed by, that a rival may leave
+_HELD_UP = 20.0  # of the criterion: what a push costs beyond a weight, whose numbers are fewer
+_TEN_TO_ONE = 4.6  # of the criterion
 _RIVALS = 3  # of a finding, that are held against them
 
 
@@ -60,6 +62,7 @@ def check_held_out(
     _drop_contradicted(outcome, thresholds)
     _weigh_rivals(outcome, thresholds)
     _by_name(outcome)
+    _by_what_strikes(outcome)
 
 
 def _drop_contradicted(outcome: Outcome, thresholds: Thresholds) -> None:
@@ -239,6 +242,31 @@ def _by_name(outcome: Outcome) -> None:
     if predicted is None:
         return
     _put_last(outcome, best, predicted, [f for f in (mine, *rivals) if f is not best])
+
+
+def _by_what_strikes(outcome: Outcome) -> None:
+    """Where robots alone strike, a push in the place of a weight that was found last.
+
+    If it explains about as much: the weight of a robot rests on its joints.
+    """
+    weighs = outcome.accepted and outcome.accepted[-1].name == 'gravity_load'
+    if not weighs or outcome.held_out_final is None:
+        return
+    kinds = {blow.recording.kind for blow in outcome.final.model.data.blows}
+    if kinds - {'tap'} != {'robot'}:
+        return
+    mine = outcome.found[outcome.accepted[-1].label]
+    rivals = outcome.rivals.get(mine.candidate.label, [])
+    pushes = [r for r in rivals if r.candidate.name == 'external_push']
+    for push in pushes:
+        if push.criterion > mine.criterion + _HELD_UP or not _in_its_place(outcome, push):
+            continue
+        predicted = held_out_fit(push.fit, outcome.final.model.data.held_out, outcome.window)
+        if predicted is not None:
+            others = [mine, *(r for r in rivals if r is not push)]
+            likelier = dataclasses.replace(push, criterion=mine.criterion - _TEN_TO_ONE)
+            _put_last(outcome, likelier, predicted, others)
+            return
 
 
 def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
