@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from impactscope.discrepancy.impact.data import blows as impact_data
 from impactscope.discrepancy.impact.data.blows import prepare
+from impactscope.discrepancy.impact.fits import tap_end
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.fits.tap_end import with_later_cuts
 from impactscope.discrepancy.impact.models.baseline import baseline_model
@@ -47,3 +50,22 @@ def test_an_effect_is_not_taken_for_a_cut(make_campaign):
     friction = [Effect('coulomb_friction', {'force': 0.5})]
     found = baseline(make_campaign(4, friction, tap=TAP, rate=5000.0))
     assert with_later_cuts(found) is found
+
+
+@pytest.mark.parametrize(
+    ('outside', 'cut'), [(0.0, False), (4.0, True), (-4.0, False)], ids=['within', 'push', 'pull']
+)
+def test_what_acts_within_the_bench_is_no_push(make_campaign, outside, cut):
+    """The force shows 3 N more at first, and the plate is slowed as much but for ``outside``."""
+    found = baseline(make_campaign(4, tap=TAP, rate=5000.0))
+    blow, mass = found.model.data.blows[0], found.values['sensor.moving_mass']
+    residuals = found.residuals.copy()
+    for name, more in (('force', 3.0), ('acceleration.plate', (outside - 3.0) / mass)):
+        channel, mask = blow.channels[name], found.layout.masks[0, name]
+        since = channel.centres[mask] - blow.settled
+        early = (since > 0.0) & (since < 2e-3)
+        missed = residuals[found.layout.spans[0, name]]
+        missed[early] += more / channel.std[mask][early]
+    missed = dataclasses.replace(found, residuals=residuals)
+    assert tap_end._missed_at_first(missed, 0)
+    assert tap_end._may_push(missed, 0) is cut
