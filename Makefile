@@ -32,7 +32,7 @@ lint: build
 
 # the middleware's tests by themselves: others side by side would keep it waiting
 test: lint
-	$(BIN)/python -m pytest -m 'not ros' --numprocesses auto --maxprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest -m 'not ros' --numprocesses auto --maxprocesses 4 --dist worksteal
 	$(BIN)/python -m pytest -m ros
 
 # Concealed campaigns from a fresh seed, explained and scored: hours; resumable. JOBS=2 by default.
