@@ -211,6 +211,8 @@ def test_what_held_out_recordings_alone_show_may_be_named(by_all, named):
         assert m.right_set is named
     assert mark('c', hidden, _reply('coulomb_friction'), 1.0).right_set
     assert not mark('c', hidden, _reply('coulomb_friction', 'offset'), 1.0).right_set
+    hidden['parts'] = hidden['parts'][1:]  # alone it is below d' 1, whatever held-out ones show
+    assert mark('c', hidden, _reply('end_stop'), 1.0).finding
 
 
 def test_a_pair_of_which_one_is_faint_is_sorted_by_the_other():
