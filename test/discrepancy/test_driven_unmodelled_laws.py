@@ -16,6 +16,7 @@ from impactscope.discrepancy.driven.adequacy.unmodelled_laws import (
 )
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.models.model import Segment
+from impactscope.discrepancy.driven.models.terms import Number
 from impactscope.discrepancy.driven.noise.spectral_whitening import stepped, whitening
 
 SAMPLES, PERIOD, STEP = 4000, 1e-3, 1e-3
@@ -87,17 +88,21 @@ def test_a_law_that_was_sought_among_more_pays_for_them():
     assert many.worth == pytest.approx(few.worth - 2.0 * np.log(10.0))
 
 
-def fitted(labels, numbers):
-    """A fit with effects of these labels and that many numbers of theirs."""
-    terms = tuple(SimpleNamespace(label=label, rough=False, name=label) for label in labels)
-    return Fit(terms, {}, {}, (np.zeros(0),), (np.zeros(0),), numbers)
+def fitted(labels, numbers, damping=0.1):
+    """A fit with effects of these labels and that many numbers of theirs, one a damping ratio."""
+    ratio = Number('damping_ratio', '1', (0.05,), 0.01, 0.0, 0.3)
+    terms = tuple(
+        SimpleNamespace(label=label, rough=False, name=label, numbers=(ratio,)) for label in labels
+    )
+    values = {f'{label}.damping_ratio': damping for label in labels}
+    return Fit(terms, values, {}, (np.zeros(0),), (np.zeros(0),), numbers)
 
 
-def decided(monkeypatch, gains, gain, labels, numbers):
+def decided(monkeypatch, gains, gain, labels, numbers, damping=0.1):
     """Verdict where a law gains this much alone and beside what has the labels and gains."""
     names = 'what seems to be at work', 'what is left'
     alone, beside = (UnmodelledLaw(n, x, 1) for n, x in zip(names, gains, strict=True))
-    none, best = fitted((), 0), fitted(labels, numbers)
+    none, best = fitted((), 0), fitted(labels, numbers, damping)
     monkeypatch.setattr(
         module,
         'unmodelled_laws',
@@ -138,6 +143,15 @@ def test_one_law_as_good_as_two_effects_is_the_likelier_one(monkeypatch):
     assert said.probability > 0.9
     alone = decided(monkeypatch, (410.0, 5.0), 412.0, ('hysteresis',), 2)
     assert not alone.left
+
+
+@pytest.mark.parametrize(('damping', 'instead'), [(0.1, False), (0.0, False), (0.2999999, True)])
+def test_a_finding_at_the_end_of_what_is_credible_is_not_the_likelier_one(
+    monkeypatch, damping, instead
+):
+    """A damping of fractional order looks like a base that creeps."""
+    said = decided(monkeypatch, (49.0, 5.0), 49.0, ('base_compliance',), 3, damping)
+    assert said.instead is instead
 
 
 def test_two_effects_that_tell_more_than_a_law_stay(monkeypatch):

@@ -12,6 +12,7 @@ from impactscope.discrepancy.campaign import CampaignRecording, ChannelSamples
 from impactscope.discrepancy.impact.data.blows import (
     _about_release,
     _first_sight,
+    _noise,
     _seen_again,
 )
 
@@ -135,3 +136,21 @@ def test_an_impactor_may_take_its_time_to_be_let_go(takes):
     assert sum(p.size for p in parts) > before.size - 4.0 * takes * RATE - 10
     for part in parts:
         assert np.std(part) == pytest.approx(0.02, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ('quiet', 'told'),
+    [((200, 20), 1.1), ((200, 0), 1.1), ((40, 20), 1.4), ((5, 0), np.inf)],
+)
+def test_a_recording_that_is_all_blow_tells_nothing_of_the_noise_where_others_do(quiet, told):
+    """The end of such a recording still rings; with no quiet anywhere it is all that there is."""
+    rng = np.random.default_rng(2)
+    heard = []
+    for before in quiet:
+        since = np.arange(-before, 120) / RATE
+        rings = np.where(since > 0.0, 300.0 * np.sin(2.0 * np.pi * 150.0 * since), 0.0)
+        values = rings + 0.5 * rng.standard_normal(since.size)
+        channels = {'force': ChannelSamples('force', 'N', RATE, 0.0, values)}
+        heard.append((CampaignRecording('blow.mcap', channels=channels), before / RATE + 2e-3))
+    noise = _noise(heard, {})['force']
+    assert 0.5 / told < noise < 0.5 * told

@@ -25,6 +25,7 @@ from impactscope.discrepancy.driven.model_selection.chi_square import LOOKS as E
 from impactscope.discrepancy.driven.model_selection.chi_square import slight
 from impactscope.discrepancy.driven.model_selection.overdispersion import levels_above, worth_of
 from impactscope.discrepancy.driven.models.model import Model, Segment
+from impactscope.discrepancy.driven.models.terms import key
 from impactscope.discrepancy.driven.noise.spectral_whitening import Stepped
 from impactscope.discrepancy.evidence import borne_by_many
 
@@ -53,6 +54,7 @@ LONE, TOLD = 6, 4.0  # samples that may stand out, and the chi-square that each 
 LEAST_TO_SHAPE = 14.0  # worth of a law, from which its shape is sought further
 SHAPE_STEP, SHAPES = 0.2, 80  # first step, in logarithms, and shapes at most
 MARGIN = 10.0  # chi-square by which a law beyond the vocabulary must be the better explanation
+AT_THE_END = 1e-3  # of a bound: what is nearer to it stands at it
 # share of what a law explains alone, by which a finding and a law beside it must explain more to
 # stand together
 FAR_MORE = 0.1
@@ -280,6 +282,23 @@ def _gain(here: Linearisation, rows: Array) -> tuple[float, int, Array]:
     return float(np.sum(parts**2 / size[keep])), int(np.count_nonzero(keep)), column
 
 
+def _strained(best: Fit, baseline: Fit) -> bool:
+    """Whether a number of a finding stands at the end of what is credible for it."""
+
+    def at_the_end(value: float, end: float) -> bool:
+        return end != 0.0 and abs(value - end) < AT_THE_END * abs(end)
+
+    return any(
+        at_the_end(best.values[key(t, n)], end)
+        for t in best.terms
+        if t not in baseline.terms
+        for n in t.numbers
+        if key(t, n) in best.values
+        for end in (n.lower, n.upper)
+        if math.isfinite(end)
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
     """Whether something from outside the vocabulary is at work.
@@ -341,11 +360,15 @@ def verdict(
     ahead = min(ahead, equivalent_gain(plain, alone.numbers) - equivalent_gain(gain[1], added))
     # a law is paid for by its looks; of several effects each was chosen among many, too
     several = len(best.terms) - len(baseline.terms) - 1
-    ahead += 2.0 * math.log(EFFECTS) * max(several, 0) - MARGIN
+    ahead += 2.0 * math.log(EFFECTS) * max(several, 0)
+    # a finding that has to be as no such thing is, within what the data would have it be, is not
+    # the likelier one for being listed
+    margin = 0.0 if _strained(best, baseline) else MARGIN
+    ahead -= margin
     needed = beside.p_value < BESIDE and beside.gain > slight(best) * gain[0]
     together = needed and gain[0] + beside.gain > (1.0 + FAR_MORE) * alone.gain
     # one law as good as several effects is the likelier one
-    far = ahead > MARGIN or several > 0 or beside.worth > MARGIN
+    far = ahead > margin or several > 0 or beside.worth > MARGIN
     clearly = ahead > 0.0 and far and not together
     same = alone.law.partition(' at ')[0] == beside.law.partition(' at ')[0]
     instead = clearly or (needed and same and ahead > -MARGIN)

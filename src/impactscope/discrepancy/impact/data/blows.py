@@ -59,6 +59,8 @@ _RUN = 5  # samples, whose mean has
 _RISEN = 3.0  # of the noise
 _RISES = 2e-3  # s, at least, for which a blow is seen to begin: nearer it counts as no quiet
 _TELLING = 64  # samples before the onset that tell how large the noise is
+_HARDLY_TELLING = 24  # likewise, if no recording has more
+_ENDING = 256  # samples at the end that do where none has
 _STRETCHES = 16  # of a recording, the quietest of which tells it where there are no such samples
 _LARGER = 1.3  # times what differences tell
 _SMOOTH = 5  # order of the course that a swing takes within a recording
@@ -344,14 +346,10 @@ def _noise(
         if name in stated:
             result[name] = stated[name]
             continue
+        heard = [(r.channels[name], onset) for r, onset in onsets if name in r.channels]
         squares, weight = 0.0, 0
-        for recording, onset in onsets:
-            channel = recording.channels.get(name)
-            if channel is None:
-                continue
-            count = int((onset - 2e-3 - channel.start) * channel.sample_rate)
-            quiet = channel.values[:count] if count >= 64 else channel.values[-256:]
-            sigma = max(noise_std(quiet), coarse_step(channel, onset) / math.sqrt(12.0))
+        for quiet, step in _quietest(heard):
+            sigma = max(noise_std(quiet), step / math.sqrt(12.0))
             if math.isfinite(sigma):
                 squares += quiet.size * sigma**2
                 weight += quiet.size
@@ -363,6 +361,25 @@ def _noise(
             )
             result[name] = max(math.sqrt(squares / weight), 1e-6 * peak, 1e-12)
     return result
+
+
+def _quietest(
+    heard: Sequence[tuple[ChannelSamples, float]],
+) -> list[tuple[Array, float]]:
+    """Samples of a channel that tell its noise, and the step of its converter, by recording.
+
+    Those before the blows. Recordings with too few of them are asked only where no other is, and
+    where there are next to none the end of each: it may still ring.
+    """
+    before = [
+        (c.values[: max(int((onset - 2e-3 - c.start) * c.sample_rate), 0)], coarse_step(c, onset))
+        for c, onset in heard
+    ]
+    for least in (_TELLING, _HARDLY_TELLING):
+        long = [(quiet, step) for quiet, step in before if quiet.size >= least]
+        if long:
+            return long
+    return [(c.values[-_ENDING:], coarse_step(c, onset)) for c, onset in heard]
 
 
 def _when_moving(
