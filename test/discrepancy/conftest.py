@@ -22,6 +22,7 @@ from impactscope.physics.twin.bench import (
     HammerTap,
     MeasuredForce,
     PendulumBlow,
+    RobotBlow,
     Sensor,
 )
 from impactscope.physics.twin.measurement import ChannelChain, device_times, read
@@ -103,7 +104,10 @@ def _measured(
 
 @pytest.fixture(scope='session')
 def make_campaign() -> Callable[..., Campaign]:
-    """A campaign of one tap and two or three blows, the last of them held out."""
+    """A campaign of one tap and two or three blows, the last of them held out.
+
+    ``robots``: mass and speed of further blows; ``of_robots``: what acts in these alone.
+    """
 
     def make(
         seed: int = 0,
@@ -119,6 +123,8 @@ def make_campaign() -> Callable[..., Campaign]:
         bare: BareContact | None = None,
         large_angles: bool = False,
         blows: int = 3,
+        robots: Sequence[tuple[float, float]] = (),
+        of_robots: Sequence[Effect] = (),
     ) -> Campaign:
         rng = np.random.default_rng(seed)
         gains = {c: 1 + float(rng.standard_normal()) * GAIN_STD[c.split('.')[0]] for c in NOISE}
@@ -142,12 +148,24 @@ def make_campaign() -> Callable[..., Campaign]:
                     'damper': bare is None,
                 }
             )
+        for n, (mass, speed) in enumerate(robots):
+            struck.append(RobotBlow(mass, speed))
+            recordings.append(
+                {
+                    'file': f'robot{n}.mcap',
+                    'kind': 'robot',
+                    'effective_mass': {'value': mass, 'std': 0.01 * mass, 'unit': 'kg'},
+                    'speed': {'value': speed, 'std': 0.01 * speed, 'unit': 'm/s'},
+                    'damper': bare is None,
+                }
+            )
         samples = {}
         for recording, blow in zip(recordings, struck, strict=True):
+            own = of_robots if isinstance(blow, RobotBlow) else ()
             layer = None if bare or isinstance(blow, HammerTap | MeasuredForce) else PAPER_LAYER
             bench = Bench(Sensor(), damper=layer, contact=bare or BareContact(), orientation=where)
             samples[recording['file']] = _measured(
-                bench, blow, effects, gains, rng, rate, duration
+                bench, blow, (*effects, *own), gains, rng, rate, duration
             )
         data = description(
             recordings,

@@ -49,3 +49,17 @@ def test_a_faint_push_from_the_contact_on_is_no_wrong_weight(make_campaign, seed
     found = answer.ranking[0]
     assert abs(found.parameters['force'].value - 0.035) < 3.0 * found.parameters['force'].std
     assert set(found.confused_with) <= {'wrong_parameter'}
+
+
+@pytest.mark.slow
+def test_a_push_of_the_robot_does_not_act_where_a_pendulum_strikes(make_campaign):
+    """A motor pushes on, and no pendulum has one; what is told says in which blows it acts."""
+    push = Effect('external_push', PUSH)
+    campaign = make_campaign(
+        74, orientation='horizontal', robots=[(4.0, 0.25), (2.5, 0.3)], of_robots=[push], blows=2
+    )
+    answer = explain(campaign)
+    assert answer.accepted == ('external_push',)
+    found = answer.findings[0]
+    assert abs(found.parameters['force'].value - 5.0) < 4.0 * found.parameters['force'].std < 1.0
+    assert 'robot alone' in found.sentence

@@ -57,7 +57,7 @@ GLANCE = Effort(depth=1, tried=3, beam=1)
 COARSE = 0.01  # of the output's power: more is searched for what is plain before the noise is read
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
 MOST_HOLLOW = 10_000  # fitted samples that are searched to the noise although nothing is explained
-MOST_TO_THE_NOISE = 45_000  # samples of a sprung mass; more take minutes and have told already
+MOST_TO_THE_NOISE = 120_000  # samples of a sprung mass; more take minutes and have told already
 MANY = 3  # findings, of which some may stand for a beginning that was not free
 CLEARLY_MORE = 1.1  # times what another model leaves
 CHAIN_EFFORT = Effort(numbers=6, depth=4, tried=8, beam=3)

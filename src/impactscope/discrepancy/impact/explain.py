@@ -27,7 +27,12 @@ from impactscope.discrepancy.impact.adequacy.residual_tests import (
     adequacy,
     law_instead,
 )
+from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.data.blows import CampaignData, prepare
+from impactscope.discrepancy.impact.findings.errors_of_laws import (
+    errors_told,
+    without_errors_of_laws,
+)
 from impactscope.discrepancy.impact.findings.estimates import fitted_numbers, saved_model
 from impactscope.discrepancy.impact.findings.figures import fit_table, pictures
 from impactscope.discrepancy.impact.findings.ranking import ranked, share_of_known, weaker
@@ -76,6 +81,7 @@ _OTHER_WAYS = 'other ways to take the names of the baseline'
 _CERTAIN = 300.0  # of chi-square, that slow noise does not imitate unseen
 _FAR_BEHIND = 100.0  # of chi-square
 _SLIGHT = 0.01  # of the amplitude of findings, of what is left beside them
+_HARDLY = 0.5  # of the probability of such an effect
 _AS_MISSED = 0.9  # of the chi-square of a recording that findings have nothing to do with
 _BORNE_OUT = 0.5  # of what findings gain for a fitted sample, for one of what is held out
 _OUTDONE = 0.1  # odds of the findings against a law, below which the law is meant
@@ -259,7 +265,7 @@ def _answer(
     campaign: Campaign, data: CampaignData, outcome: Outcome, thresholds: Thresholds
 ) -> Answer:
     direct = _direct_findings(data)
-    accepted = list(outcome.accepted)
+    accepted, slight = without_errors_of_laws(outcome)
     rest = _unexplained(outcome, thresholds)
     unexplained, description = rest.left, rest.description
     instead = unexplained and not rest.beside
@@ -269,8 +275,10 @@ def _answer(
         fitted = {(c.name, c.channel) for c in accepted}
         direct = [f for f in direct if (f.name, f.channel) not in fitted]
     traces, strips = pictures(outcome)
-    findings = ranked(outcome, accepted)
+    findings = ranked(outcome, [*accepted, *slight])
     found = [c.name for c in accepted]
+    beside = slice(len(accepted), len(accepted) + len(slight))
+    findings[beside] = [weaker(f, _HARDLY) for f in findings[beside]]
     if unexplained and not instead:
         findings = [weaker(f, BESIDE_UNKNOWN) for f in findings]
         findings.insert(len(found), _unknown(1.0 - kept))
@@ -307,9 +315,10 @@ def _answer(
         baseline=campaign.baseline_names,
         baseline_parameters=fitted_numbers(outcome.baseline),
         extended_parameters=fitted_numbers(outcome.final),
-        model=_saved(campaign, outcome, instead),
+        model=_saved(campaign, outcome, () if instead else accepted),
         notes=(
             *(stand_ins_told(c.name for c in accepted) if instead else ()),
+            *errors_told(accepted, slight, outcome),
             *campaign.notes,
             *data.notes,
             *conventions_told(outcome.final.model),
@@ -341,11 +350,11 @@ def with_direct(
     return ranking, [*(f.name for f in clipped), *found, *(f.name for f in steps)]
 
 
-def _saved(campaign: Campaign, outcome: Outcome, instead: bool) -> dict[str, object]:
+def _saved(campaign: Campaign, outcome: Outcome, named: Sequence[Candidate]) -> dict[str, object]:
     """The baseline of a next search; what stands in for the unknown is no part of it."""
-    if instead:
+    if not named:
         outcome = dataclasses.replace(outcome, final=outcome.baseline)
-    return saved_model(campaign, outcome, () if instead else outcome.accepted)
+    return saved_model(campaign, outcome, named)
 
 
 # --- decisions -----------------------------------------------------------------------------------

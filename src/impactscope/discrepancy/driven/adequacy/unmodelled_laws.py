@@ -365,7 +365,10 @@ def verdict(
     # the likelier one for being listed
     margin = 0.0 if _strained(best, baseline) else MARGIN
     ahead -= margin
-    needed = beside.p_value < BESIDE and beside.gain > slight(best) * gain[0]
+    # a law as slight as that, as it is or over the dispersion, is an error of what was found
+    rest = beside.gain if beside.plain is None else beside.plain
+    much = beside.gain > slight(best) * gain[0] and rest > slight(best) * gain[1]
+    needed = much and beside.p_value < BESIDE
     together = needed and gain[0] + beside.gain > (1.0 + FAR_MORE) * alone.gain
     # one law as good as several effects is the likelier one
     far = ahead > margin or several > 0 or beside.worth > MARGIN

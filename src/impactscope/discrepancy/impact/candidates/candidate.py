@@ -39,6 +39,7 @@ class Candidate:
     along: tuple[str, ...] = ()
     channel: str = ''
     recording: str = ''
+    striker: str = ''  # kind of the blows in which alone it acts
     parameter: str = ''  # of the baseline, where that is what is wrong
     doubt: float = 0.0  # -2 log of its prior probability among its like
     usual: Mapping[str, float] = field(default_factory=dict)  # key to the most that is usual

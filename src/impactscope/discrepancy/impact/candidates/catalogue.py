@@ -7,6 +7,7 @@ this module know a parameter by its name.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -35,7 +36,16 @@ _PULSE_KNOWN = 0.3  # relative, of a tap's duration
 _RINGS = tuple(float(f) for f in np.geomspace(20.0, 1200.0, 29))  # Hz, where a part may ring
 _MOST_STARTS = 36  # of a candidate
 _WEIGHTS = ('gravity_load', 'restoring_force')
-_TIED = 1.0  # of chi-square, by which a weight that goes with the geometry has to explain more
+# what one kind of impactor may have and another not: a motor pushes, a hinge rubs, an arm bends,
+# what hangs is pulled back
+_OF_ONE_KIND = {
+    'external_push': ('robot',),
+    'impact_speed_loss': ('pendulum',),
+    'impactor_flexibility': ('robot', 'pendulum'),
+    'restoring_force': ('pendulum',),
+    'gravity_load': ('pendulum', 'robot'),
+}
+_TIED = 1.0  # of chi-square, by which what not all blows have alike has to explain more
 
 
 def candidates(fit: Fit, campaign_baseline: Sequence[str]) -> list[Candidate]:
@@ -92,6 +102,10 @@ def _bench_candidates(
         along=tuple(f'{active.tag}.{p.name}' for p in fitted if p.with_strength),
     )
     yield candidate
+    strikers = {model.data.blows[i].recording.kind for i in model.data.fitted} - {'tap'}
+    for striker in _OF_ONE_KIND.get(kind.name, ()):
+        if striker in strikers and len(strikers) > 1:
+            yield _of_one_kind(candidate, striker, model)
     shares = implied_shares(model, kind.name) if kind.name in _WEIGHTS else {}
     if shares and len(set(shares.values())) > 1:
         yield Candidate(
@@ -105,6 +119,19 @@ def _bench_candidates(
             amplitudes=candidate.amplitudes,
             doubt=_TIED,
         )
+
+
+def _of_one_kind(candidate: Candidate, striker: str, model: ImpactModel) -> Candidate:
+    """The same where one kind of impactor strikes, and absent from all other blows."""
+    others = [i for i, b in enumerate(model.data.blows) if b.recording.kind != striker]
+    absent = {f'{key}@{i}': value for key, value in candidate.amplitudes.items() for i in others}
+    return dataclasses.replace(
+        candidate,
+        label=f'{candidate.label} ({striker} alone)',
+        constants={**candidate.constants, **absent},
+        striker=striker,
+        doubt=candidate.doubt + _TIED,
+    )
 
 
 def _pulses(model: ImpactModel) -> Iterator[Free]:

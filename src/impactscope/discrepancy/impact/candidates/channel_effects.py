@@ -13,7 +13,7 @@ from impactscope.discrepancy.impact.models.measuring_chain import HIGHEST, LOWES
 from impactscope.physics.mechanisms.mechanism import Mechanism
 from impactscope.physics.mechanisms.registry import mechanism
 
-__all__ = ['chain_candidates', 'delays_like', 'of_several']
+__all__ = ['chain_candidates', 'cutoff_of', 'delay_of', 'delays_like', 'of_several']
 
 _FILTERS = ((1, 0), (2, 0), (4, 0), (1, 1), (2, 1), (4, 1))  # order, zero phase, tried at first
 _ALL_FILTERS = tuple((order, zero_phase) for zero_phase in (0, 1) for order in (1, 2, 3, 4))
@@ -151,6 +151,16 @@ def _clock(channel: str, *, drifts: bool, of_several: bool) -> Candidate:
     )
 
 
+def delay_of(order: int, cutoff: float) -> float:
+    """Delay of a Butterworth filter for slow signals, s."""
+    return _DELAYS[order] / (2 * math.pi * cutoff)
+
+
+def cutoff_of(order: int, delay: float) -> float:
+    """Cut-off of a Butterworth filter of that delay, Hz."""
+    return _DELAYS[order] / (2 * math.pi * delay)
+
+
 def delays_like(
     candidate: Candidate,
     values: Mapping[str, float],
@@ -167,8 +177,7 @@ def delays_like(
         delay, cutoff = values[f'clock_error:{channel}.offset'], 0.5 * highest
     else:
         cutoff = values[f'low_pass_filter:{channel}.cutoff']
-        delay = _DELAYS[round(candidate.constants[f'low_pass_filter:{channel}.order'])]
-        delay = delay / (2 * math.pi * cutoff)
+        delay = delay_of(round(candidate.constants[f'low_pass_filter:{channel}.order']), cutoff)
     clock = _clock(channel, drifts=False, of_several=of_several(channel, channels))
     if clock.label != candidate.label:
         yield clock, delay
@@ -177,7 +186,7 @@ def delays_like(
             continue  # these are not late
         if not zero_phase and delay <= 0.0:
             continue
-        start = cutoff if zero_phase else _DELAYS[order] / (2 * math.pi * delay)
+        start = cutoff if zero_phase else cutoff_of(order, delay)
         other = _low_pass(channel, order, zero_phase, sample_rate, (start,))
         if other.label != candidate.label:
             yield other, min(start, 0.99 * highest)

@@ -198,6 +198,8 @@ def _finding(
     else:
         effect = mechanism(candidate.name)
         sentence, equation, source = effect.sentence, effect.equation, effect.source
+        if candidate.striker:
+            sentence += f' It acts in the blows of kind {candidate.striker} alone.'
     return Finding(
         name=candidate.name,
         probability=probability,

@@ -90,12 +90,16 @@ def baseline_model(campaign: Campaign, data: CampaignData) -> ImpactModel:
 
 
 def implied_shares(model: ImpactModel, name: str) -> dict[str, float]:
-    """Factor of each blow for an effect that follows the pendulum's weight; mean is one."""
+    """Factor of each blow for an effect that follows the weight; mean is one.
+
+    A robot or a falling body presses with its own weight, as it does in a baseline that states
+    one, and nothing pulls it back to where it hangs.
+    """
     values = dict(model.constants)
     values.update({f.key: f.start for f in model.free})
     if 'pendulum.contact_distance' not in values:
         return {}
-    found = {}
+    found, beside = {}, {}
     for i, blow in enumerate(model.data.blows):
         if blow.recording.kind == 'pendulum':
             pendulum = _pendulum(values, i)
@@ -104,9 +108,13 @@ def implied_shares(model: ImpactModel, name: str) -> dict[str, float]:
                 if name == 'gravity_load'
                 else pendulum.restoring_stiffness(Orientation.HORIZONTAL)
             )
+        elif blow.recording.kind != 'tap':
+            mass = values.get(f'impactor_mass@{i}', 0.0) if name == 'gravity_load' else 0.0
+            beside[i] = mass * values[GRAVITY]
     if not found:
         return {}
     mean = float(np.mean(list(found.values())))
+    found |= beside
     return {f'{name}.share@{i}': found.get(i, mean) / mean for i in range(len(model.data.blows))}
 
 

@@ -293,12 +293,13 @@ class ImpactModel:
     def prior_residuals(self, values: Mapping[str, float], layout: Layout) -> Array:
         """Distance of each free number from what is known of it; zero without a prior."""
         out = np.zeros(len(self.free))
-        ratio = values.get(SPEED_RATIO, 1.0)
+        everywhere = values.get(SPEED_RATIO, 1.0)
         for j, number in enumerate(self.free):
             absent = number.blow is not None and number.blow not in layout.blow_spans
             if number.prior is None or absent:
                 continue
             mean, std = number.prior
+            ratio = values.get(f'{SPEED_RATIO}@{number.blow}', everywhere)
             if ratio != 1.0 and number.blow is not None:
                 mean = after_loss(number.key, mean, ratio, values)
             out[j] = (values[number.key] - mean) / std

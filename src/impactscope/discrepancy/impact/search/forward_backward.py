@@ -37,6 +37,7 @@ from impactscope.discrepancy.impact.search.baseline_conventions import (
     with_conventions_of,
 )
 from impactscope.discrepancy.impact.search.fuller_forms import (
+    filter_in_place_of_two,
     fuller,
     law_in_place_of_two,
     law_that_contains,
@@ -181,6 +182,8 @@ class Search:
         if len(outcome.accepted) > 1 and time_left('one law in place of two effects'):
             one = law_in_place_of_two(current, outcome, self.baseline_names)
             current = current if one is None else one
+        one = filter_in_place_of_two(current, outcome)
+        current = current if one is None else one
         outcome.final = self._doubted(current, outcome)
         return self._finished(outcome)
 

@@ -14,14 +14,20 @@ from collections.abc import Iterator, Sequence
 from impactscope.discrepancy.evidence import family_p_value, information
 from impactscope.discrepancy.impact.candidates.candidate import Candidate, contains
 from impactscope.discrepancy.impact.candidates.catalogue import LEFT_ALONE, candidates
+from impactscope.discrepancy.impact.candidates.channel_effects import (
+    cutoff_of,
+    delay_of,
+    delays_like,
+)
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
 from impactscope.discrepancy.impact.models.bench_model import Free
 from impactscope.discrepancy.impact.search.outcome import Found, Outcome, evidence_for
 from impactscope.discrepancy.impact.search.strong_effects import from_within
+from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import mechanism
 
-__all__ = ['fuller', 'law_in_place_of_two', 'law_that_contains']
+__all__ = ['filter_in_place_of_two', 'fuller', 'law_in_place_of_two', 'law_that_contains']
 
 _STARTS = {'hold': (0.03, 0.1, 0.3), 'fall': (0.03, 0.15)}  # s
 _LONGEST = 10.0  # s
@@ -149,6 +155,63 @@ def law_in_place_of_two(
         outcome.last, outcome.tests = [], None
         return best.fit
     return None
+
+
+def filter_in_place_of_two(current: Fit, outcome: Outcome) -> Fit | None:
+    """The fit with one filter in place of a filter and a late clock in the same channel.
+
+    A filter of a wrong order beside something that is not known yet is mended by a clock as soon
+    as that is known. The filter must explain as much as both, and pay less. What was found is
+    changed in ``outcome``; None where there is no such filter.
+    """
+    filters = [c for c in outcome.accepted if c.name == 'low_pass_filter']
+    clocks = [c for c in outcome.accepted if c.name == 'clock_error']
+    pairs = [(f, c) for f in filters for c in clocks if f.channel == c.channel]
+    if not pairs or not time_left('one filter in place of a filter and a clock'):
+        return None
+    wrong, clock = pairs[0]
+    model, samples = outcome.baseline.model, current.layout.size
+    for kept in outcome.accepted:
+        model = model if kept in (wrong, clock) else kept.extend(model)
+    first, beyond = outcome.found[wrong.label], outcome.found[clock.label]
+    gain = max(first.gain, beyond.gain)
+    dearer = clock.price(beyond.gain, samples)
+    best: Found | None = None
+    for candidate, cutoff in _filters_like(wrong, clock, current):
+        extended = candidate.extend(model)
+        x = extended.vector({**current.values, candidate.free[0].key: cutoff})
+        try:
+            made = fit(extended, current.layout, x, settled=0.1)
+        except ImpactscopeError:
+            continue
+        worse = (made.chi_square - current.chi_square) / max(1.0, current.reduced)
+        doubt = candidate.doubt_at(made.values) - wrong.doubt_at(current.values)
+        if worse + doubt < min(dearer, math.inf if best is None else best.criterion):
+            best = Found(candidate, made, gain - worse, first.p_value, worse + doubt)
+    if best is None:
+        return None
+    best = dataclasses.replace(best, criterion=first.criterion + best.criterion - dearer)
+    outcome.put_in_place([wrong, clock], best, outcome.rivals.get(wrong.label, ()))
+    outcome.last, outcome.tests = [], None
+    return best.fit
+
+
+def _filters_like(
+    wrong: Candidate, clock: Candidate, current: Fit
+) -> Iterator[tuple[Candidate, float]]:
+    """Filters that may be as late as a filter and a clock together, with cut-offs to start."""
+    channel, tag = wrong.channel, wrong.effects[0].tag
+    order = round(wrong.constants[f'{tag}.order'])
+    late = current.values[f'{clock.effects[0].tag}.offset']
+    if not wrong.constants[f'{tag}.zero_phase']:
+        late += delay_of(order, current.values[f'{tag}.cutoff'])
+    cutoff = current.values[f'{tag}.cutoff'] if late <= 0.0 else cutoff_of(order, late)
+    data = current.model.data
+    rate = next(b.channels[channel].sample_rate for b in data.blows if channel in b.channels)
+    for candidate, start in delays_like(wrong, {f'{tag}.cutoff': cutoff}, rate, data.channels):
+        if candidate.name == 'low_pass_filter':
+            yield candidate, start
+    yield wrong, cutoff
 
 
 def _starts(
