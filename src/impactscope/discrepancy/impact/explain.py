@@ -29,10 +29,6 @@ from impactscope.discrepancy.impact.adequacy.residual_tests import (
 )
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.data.blows import CampaignData, prepare
-from impactscope.discrepancy.impact.findings.errors_of_laws import (
-    errors_told,
-    without_errors_of_laws,
-)
 from impactscope.discrepancy.impact.findings.estimates import fitted_numbers, saved_model
 from impactscope.discrepancy.impact.findings.figures import fit_table, pictures
 from impactscope.discrepancy.impact.findings.ranking import ranked, share_of_known, weaker
@@ -53,6 +49,11 @@ from impactscope.discrepancy.impact.search.baseline_conventions import (
     other_conventions,
     with_conventions_of,
     with_likelier,
+)
+from impactscope.discrepancy.impact.search.errors_of_laws import (
+    errors_told,
+    rest_of_a_law,
+    without_errors_of_laws,
 )
 from impactscope.discrepancy.impact.search.forward_backward import Search
 from impactscope.discrepancy.impact.search.held_out import fit_together
@@ -390,7 +391,7 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> _Rest:
     )
     excused = missed and _met_by_no_start(outcome)
     if ratio <= thresholds.unexplained_ratio:
-        if tests.p_value < thresholds.inadequate:
+        if tests.p_value < thresholds.inadequate and not rest_of_a_law(outcome, tests):
             return _Rest(
                 True,
                 'Something is missing that no known mechanism explains: what is left is as small '

@@ -36,6 +36,10 @@ from impactscope.discrepancy.impact.search.baseline_conventions import (
     other_conventions,
     with_conventions_of,
 )
+from impactscope.discrepancy.impact.search.errors_of_laws import (
+    is_error_of_a_law,
+    rest_of_a_law,
+)
 from impactscope.discrepancy.impact.search.fuller_forms import (
     filter_in_place_of_two,
     fuller,
@@ -330,6 +334,8 @@ class Search:
             outcome.tests = adequacy(current)
             if outcome.tests.p_value > self.thresholds.inadequate:
                 break
+            if rest_of_a_law(outcome, outcome.tests):
+                break
             if time_left('laws that contain a finding'):
                 more = law_that_contains(
                     current, outcome, self.baseline_names, self.thresholds.false_finding
@@ -480,6 +486,7 @@ class Search:
             outcome.last = found
             allowed = self.thresholds.false_finding / (1 + len(_LOOKED))
             good = [f for f in found if f.counts(allowed)]
+            good = [f for f in good if not is_error_of_a_law(f.candidate, f.gain, outcome)]
             if not good:
                 joint = self._together(current, outcome, allowed)
                 if joint is not None:
@@ -509,6 +516,10 @@ class Search:
         if residual.size != current.residuals.size:
             return None
         found = pairs(current, residual, trials, outcome.looks, allowed)
+        if found and all(
+            is_error_of_a_law(c, found[0].gain, outcome) for c in found[0].candidates
+        ):
+            return None
         if not found or found[0].p_value > allowed:
             return None
         return self._take(found[0], found[1:], outcome)
