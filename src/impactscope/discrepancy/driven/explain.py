@@ -45,6 +45,7 @@ from impactscope.discrepancy.driven.systems.linear_baseline import (
     with_the_mass_alone,
 )
 from impactscope.discrepancy.driven.systems.modal import Modes, further_modes
+from impactscope.discrepancy.driven.systems.modal_chain import chain_of_modes
 from impactscope.discrepancy.driven.systems.prescribed_motion import (
     PrescribedModel,
     one_speed_told,
@@ -129,7 +130,7 @@ def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress
         tell(0.1, 'trying further modes')
         modes = further_modes(parts, segments, baseline, stated_modes(campaign), judge)
         if modes is not None and modes.stated is not None:
-            return _of_modes(campaign, model, segments, judge, modes, notes)
+            return _of_modes(campaign, model, parts, segments, judge, modes, notes)
         if modes is not None and _power(modes.fit, segments) < MODAL * _power(baseline, segments):
             effort = GLANCE
     if answer is not None and sure:
@@ -290,15 +291,20 @@ def _coarse(linear: Fit, segments: Sequence[Segment]) -> bool:
 def _of_modes(
     campaign: Campaign,
     model: Model,
+    parts: Sequence[Cut],
     segments: list[Segment],
     judge: Judge,
     modes: Modes,
     notes: Sequence[str],
 ) -> Answer:
-    """The answer for a structure that is said to have several modes: whether it has more."""
+    """The answer for a structure that is said to have several modes: what more it has."""
     stated = modes.stated
     assert stated is not None  # noqa: S101 - called only then
-    notes = [*notes, 'On a structure of several modes only further modes are looked for.']
+    text = 'On a structure of several modes further ones are looked for, filters and clocks.'
+    notes = [*notes, text]
+    chain = chain_of_modes(parts, segments, modes, judge)
+    if chain is not None:
+        return describe(Subject(campaign, model, segments, judge, chain, None, tuple(notes)))
     outcome = Outcome(stated, stated, (), believed=False)
     more = modes if modes.fit is not stated else None
     return describe(Subject(campaign, model, segments, judge, outcome, more, tuple(notes)))

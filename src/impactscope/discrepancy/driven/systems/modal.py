@@ -24,7 +24,7 @@ from impactscope.discrepancy.driven.fits.weighted_residuals import channel_scale
 from impactscope.discrepancy.driven.model_selection.model_comparison import Judge
 from impactscope.discrepancy.driven.models.model import Segment
 
-__all__ = ['Modes', 'further_modes']
+__all__ = ['ModalProblem', 'Modes', 'further_modes']
 
 Array = NDArray[np.float64]
 
@@ -42,6 +42,7 @@ class Modes:
     damping_ratios: tuple[float, ...]
     std: tuple[tuple[float, float], ...]  # of frequency and damping ratio
     stated: Fit | None = None  # as many modes as the campaign says, where these are several
+    poles: Array | None = None  # of these, see :class:`ModalProblem`
 
 
 def _columns(drive: Array, poles: Array, period: float) -> Array:
@@ -57,8 +58,12 @@ def _columns(drive: Array, poles: Array, period: float) -> Array:
     return np.stack(columns, axis=1)
 
 
-class _Problem:
-    """Frequencies and damping ratios as unknowns; the rest is linear."""
+class ModalProblem:
+    """Frequencies and damping ratios as unknowns; the rest is linear.
+
+    ``poles``: logarithms of angular frequencies, rad/s, and of damping ratios, in turn,
+    shape (2 n_modes,).
+    """
 
     def __init__(self, parts: Sequence[Cut], segments: Sequence[Segment]) -> None:
         self.parts = parts
@@ -68,10 +73,15 @@ class _Problem:
         self.fitted = [i for i, s in enumerate(segments) if not s.held_out]
         self.period = segments[0].period
 
-    def columns(self, poles: Array, i: int) -> Array:
+    def drive(self, i: int) -> Array:
+        """What drives the modes as a recording's channel shows them, shape (n,)."""
         drive = self.parts[i].drive
         assert drive is not None  # noqa: S101 - modes need an input
-        return _columns(drive, poles, self.segments[i].period)
+        return drive
+
+    def columns(self, poles: Array, i: int) -> Array:
+        """Input, and each mode's two responses to it, shape (n, 1 + 2 n_modes)."""
+        return _columns(self.drive(i), poles, self.segments[i].period)
 
     def weights(self, poles: Array) -> dict[str, Array]:
         """Linear unknowns by channel: modes are shared, how they show is not."""
@@ -88,6 +98,7 @@ class _Problem:
         return found
 
     def residual(self, poles: Array) -> Array:
+        """What is left of the fitted recordings, over the scales of their channels, (n,)."""
         weights = self.weights(poles)
         parts = [
             (
@@ -101,10 +112,7 @@ class _Problem:
 
     def refine(self, poles: Array, evaluations: int) -> tuple[Array, Array]:
         """Refined poles and the projected Jacobian."""
-        low = np.tile(
-            [math.log(2.0 * math.pi * 0.5 / self._longest()), math.log(NARROWEST)], poles.size // 2
-        )
-        high = np.tile([math.log(0.97 * math.pi / self.period), math.log(WIDEST)], poles.size // 2)
+        low, high = self.bounds(poles.size // 2)
         start = np.clip(poles, low + 1e-9, high - 1e-9)
         steps = np.tile([1e-5, 1e-3], poles.size // 2)
 
@@ -128,6 +136,13 @@ class _Problem:
             xtol=1e-7,
         )
         return made.x, made.jac
+
+    def bounds(self, modes: int) -> tuple[Array, Array]:
+        """Bounds of the poles of so many modes, shapes (2 modes,)."""
+        slowest = 2.0 * math.pi * 0.5 / self._longest()
+        low = np.tile([math.log(slowest), math.log(NARROWEST)], modes)
+        high = np.tile([math.log(0.97 * math.pi / self.period), math.log(WIDEST)], modes)
+        return low, high
 
     def _longest(self) -> float:
         return max(s.measured.size * s.period for s in self.segments)
@@ -156,6 +171,7 @@ class _Problem:
         return math.log(2.0 * math.pi * max(frequency[best], frequency[1])), math.log(0.01)
 
     def fit(self, poles: Array, jacobian: Array, first: int) -> tuple[Fit, Array]:
+        """The fit of all recordings with these poles, and their standard deviations."""
         weights = self.weights(poles)
         residuals = tuple(
             s.measured - self.columns(poles, i) @ weights[s.channel]
@@ -181,7 +197,7 @@ def further_modes(
     ``modes``: how many the baseline is said to have; if several, the fit with these alone is
     given besides, and as the answer where no further one helps.
     """
-    problem = _Problem(parts, segments)
+    problem = ModalProblem(parts, segments)
     omega = math.sqrt(
         abs(baseline.values['stiffness']) / max(abs(baseline.values['mass']), 1e-300)
     )
@@ -190,11 +206,13 @@ def further_modes(
     best: tuple[Fit, Array, Array] | None = None
     previous, idle = baseline, 0
     stated: Fit | None = None
+    known: Array | None = None
     while poles.size // 2 <= max(MOST_MODES, modes + 2) and idle < 2:
         poles, jacobian = problem.refine(poles, 12)
         made, std = problem.fit(poles, jacobian, modes)
         if 1 < poles.size // 2 <= modes or poles.size // 2 < modes:
             best, previous, stated = (made, poles.copy(), std), made, made
+            known = poles.copy()
         elif judge.better(previous, made):
             best, previous, idle = (made, poles.copy(), std), made, 0
         else:
@@ -216,4 +234,5 @@ def further_modes(
             for k in order
         ),
         stated,
+        known,
     )
