@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,11 @@ from impactscope.discrepancy.impact.data.binning import binned
 from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.models.baseline import baseline_model
-from impactscope.discrepancy.impact.models.measuring_chain import _ahead, coupled_since
+from impactscope.discrepancy.impact.models.measuring_chain import (
+    _ahead,
+    coupled_since,
+    fineness,
+)
 
 RATE = 80_000.0  # Hz, of the moments
 EXACT = 8e6  # Hz, at which bilinear and analogue filters are one
@@ -48,6 +53,19 @@ def test_a_filter_without_a_phase_runs_before_samples_are_thinned_out(order, cut
     course = contact(np.arange(expected.size) / RATE)
     found = _ahead(course, RATE, {'order': order, 'cutoff': cutoff, 'zero_phase': 1})
     assert np.max(np.abs(found - expected)) < 1.5e-3
+
+
+@pytest.mark.parametrize('cutoff', [2000.0, 8000.0, 20_000.0, 39_000.0, 80_000.0])
+def test_a_filter_without_a_phase_has_moments_for_its_second_pass(cutoff):
+    """On too few of them a filter that does next to nothing left errors of several noises."""
+    channel = SimpleNamespace(sample_rate=2000.0)
+    numbers = {'order': 2, 'cutoff': cutoff, 'zero_phase': 1, 'ahead': 1.0}
+    rate = channel.sample_rate * fineness([('low_pass_filter', numbers)], channel)
+    fine = contact(np.arange(0.0, 0.02, 1.0 / EXACT))
+    sections = signal.butter(2, cutoff, fs=EXACT, output='sos')
+    expected = signal.sosfiltfilt(sections, fine)[:: round(EXACT / rate)]
+    found = _ahead(contact(np.arange(expected.size) / rate), rate, numbers)
+    assert np.max(np.abs(found - expected)) < 1.5e-4
 
 
 def test_a_load_that_stays_passes_an_analogue_filter():

@@ -36,6 +36,9 @@ LOWEST_AHEAD = 0.15
 
 _FINE = 40  # moments for each sample at most, where a filter acts before sampling
 _FINEST = 4e4  # moments in a second, that are enough
+# times the cut-off, of a filter without a phase: its second pass is not over straight lines
+_BOTH_WAYS = 8.0
+_DOUBLED = 3  # times that moments are doubled for it; one still higher does nothing that is seen
 _LINES = 200  # of an arc, that are summed
 _ADDED = ('offset', 'zero_drift', 'mains_hum')
 _BEFORE = 0.01  # s before a contact, in which an impactor is falling
@@ -72,11 +75,24 @@ def sample_moments(channel: BinnedChannel, fine: int) -> Array:
 
 def fineness(effects: Sequence[tuple[str, Mapping[str, float]]], channel: BinnedChannel) -> int:
     """Moments for each sample that a channel needs for what acts on it."""
-    ahead = any(
-        kind == 'low_pass_filter' and _acts_ahead(numbers, channel.sample_rate)
+    ahead = [
+        numbers
         for kind, numbers in effects
-    )
-    return min(_FINE, math.ceil(_FINEST / channel.sample_rate)) if ahead else 1
+        if kind == 'low_pass_filter' and _acts_ahead(numbers, channel.sample_rate)
+    ]
+    if not ahead:
+        return 1
+    enough = min(_FINE, math.ceil(_FINEST / channel.sample_rate))
+    return enough << max(_doubled(numbers, channel.sample_rate) for numbers in ahead)
+
+
+def _doubled(numbers: Mapping[str, float], rate: float) -> int:
+    """Times that the moments of a filter that runs both ways before sampling are doubled."""
+    if numbers['zero_phase'] <= 0.5:
+        return 0
+    enough = rate * min(_FINE, math.ceil(_FINEST / rate))
+    times = math.ceil(math.log2(max(_BOTH_WAYS * numbers['cutoff'] / enough, 1.0)))
+    return times if times <= _DOUBLED else 0
 
 
 def _acts_ahead(numbers: Mapping[str, float], rate: float) -> bool:
@@ -183,6 +199,8 @@ def _ahead(course: Array, rate: float, numbers: Mapping[str, float]) -> Array:
     """
     if course.size < 3:
         return course
+    if numbers['zero_phase'] > 0.5 and _BOTH_WAYS * numbers['cutoff'] > 2.0 * rate:
+        return course  # so high that it does nothing
     forwards = _one_way(course, rate, numbers)
     if numbers['zero_phase'] <= 0.5:
         return forwards

@@ -137,6 +137,12 @@ class Screening:
         """What the fitted numbers cannot re-tune of the residuals of an extended model."""
         return self._out(self._aligned(model, model.residuals(x, self.current.layout)))
 
+    def _left_and_plain(self, model: ImpactModel, x: Array) -> tuple[Array, float]:
+        """The same, and the fall of chi-square without any re-tuning."""
+        aligned = self._aligned(model, model.residuals(x, self.current.layout))
+        before = float(self.current.residuals @ self.current.residuals)
+        return self._out(aligned), before - float(aligned @ aligned)
+
     def _tried(self, candidate: Candidate, start: Mapping[str, float]) -> Trial | None:
         model = candidate.extend(self.current.model)
         x = self.vector(model, start)
@@ -144,9 +150,13 @@ class Screening:
             return self.refined(Trial(candidate, 0.0, model, x), 1)
         place = candidate.label, tuple(sorted(start.items()))
         known = None if self.remembered is None else self.remembered.weak.get(place)
+        plain, begun = -math.inf, x  # fall of chi-square without any re-tuning, and where
         try:
-            left = self._left(model, x if known is None else self.vector(model, known))
+            # what vanishes far away is not in proportion to its number
+            if known is None or math.inf in candidate.amplitudes.values():
+                left, plain = self._left_and_plain(model, x)
             if known is not None:
+                left = self._left(model, self.vector(model, known))
                 felt = float(np.linalg.norm(left - self.residual)) / _FELT
                 if _FAINT < felt < 1.0 / _FAINT:
                     start = known
@@ -183,6 +193,8 @@ class Screening:
         else:
             factor = float(np.clip(factor, -_STRONGEST, _STRONGEST))
             x = self.vector(model, stronger(candidate, start, factor))
+        if plain > max(gain, linear):
+            gain, x = plain, begun  # whatever slopes say of a weaker one
         return Trial(
             candidate,
             max(gain, linear),
