@@ -391,14 +391,14 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> _Rest:
     )
     excused = missed and _met_by_no_start(outcome)
     if ratio <= thresholds.unexplained_ratio:
-        if tests.p_value < thresholds.inadequate and not rest_of_a_law(outcome, tests):
+        if tests.p_value < thresholds.inadequate:
             return _Rest(
                 True,
                 'Something is missing that no known mechanism explains: what is left is as small '
                 f'as the noise, but not of its kind ({tests.worst}; by chance in '
                 f'{tests.p_value:.1g} of campaigns).',
                 tests.p_value,
-                _slight(outcome, tests),
+                _slight(outcome, tests) or rest_of_a_law(outcome, tests),
             )
         instead, law = _law_instead(outcome)
         if instead < _OUTDONE:
