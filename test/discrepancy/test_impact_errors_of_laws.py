@@ -48,9 +48,9 @@ def found_so_far(*named):
 def test_the_error_of_a_law_is_no_further_finding(first, other, gain, slight):
     outcome = found_so_far((first, 'guide', 6e4), (*other, gain))
     assert is_error_of_a_law(Candidate(*other[:1], *other), gain, outcome) is slight
-    named, errors = without_errors_of_laws(outcome)
+    _, errors = without_errors_of_laws(outcome)
     assert [c.name for c in errors] == ([other[0]] if slight else [])
-    told = errors_told(named, errors, outcome)
+    told = errors_told(errors, outcome)
     assert bool(told) is slight
     assert not told or other[0] in told[0]
 
@@ -66,6 +66,12 @@ def test_the_error_of_a_law_is_no_further_finding(first, other, gain, slight):
 def test_what_friction_leaves_is_its_own_error_where_it_is_slight(first, excess, slight):
     tests = SimpleNamespace(p_values={'laws': 1e-9, 'bands': 0.5}, excess={'laws': excess})
     assert rest_of_a_law(found_so_far((first, 'guide', 6e4)), tests) is slight
+
+
+def test_what_explains_less_than_nothing_is_told_without_a_share():
+    outcome = found_so_far(('coulomb_friction', 'guide', 0.0), ('hysteresis', 'spring', -3.0))
+    _, errors = without_errors_of_laws(outcome)
+    assert '0.0%' in errors_told(errors, outcome)[0]
 
 
 def test_beside_nothing_nothing_is_slight():

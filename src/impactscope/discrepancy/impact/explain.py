@@ -319,7 +319,7 @@ def _answer(
         model=_saved(campaign, outcome, () if instead else accepted),
         notes=(
             *(stand_ins_told(c.name for c in accepted) if instead else ()),
-            *errors_told(accepted, slight, outcome),
+            *errors_told(slight, outcome),
             *campaign.notes,
             *data.notes,
             *conventions_told(outcome.final.model),

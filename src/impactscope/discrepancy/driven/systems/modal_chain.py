@@ -44,6 +44,7 @@ DELAYS = (0.2, 1.0, 3.0)  # samples, of a clock, to start from
 EVALUATIONS = 30
 STEP = 1e-4
 NEARLY_NOTHING = 1e-6  # Hz, of a corner
+NOTHING = 1e-300  # power of a noise that is not there
 LEFT = 0.1  # of what the stated modes leave beyond noise, that an effect may leave
 
 
@@ -132,7 +133,7 @@ def _explains(made: Fit, stated: Fit, parts: Sequence[Cut], segments: Sequence[S
     rows = zip(parts, segments, stated.residuals, made.residuals, strict=True)
     for part, segment, before, after in rows:
         noise = part.noise if math.isfinite(part.noise) else noise_std(after)
-        least = noise**2 * before.size
+        least = max(noise**2, NOTHING) * before.size
         sums = beyond.setdefault(segment.held_out, [0.0, 0.0])
         sums[0] += (float(before @ before) - least) / least
         sums[1] += (float(after @ after) - least) / least

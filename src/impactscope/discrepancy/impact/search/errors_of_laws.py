@@ -45,14 +45,13 @@ def without_errors_of_laws(outcome: Outcome) -> tuple[list[Candidate], list[Cand
     return [c for c in outcome.accepted if c not in slight], slight
 
 
-def errors_told(
-    named: Sequence[Candidate], slight: Sequence[Candidate], outcome: Outcome
-) -> tuple[str, ...]:
+def errors_told(slight: Sequence[Candidate], outcome: Outcome) -> tuple[str, ...]:
     """The note on effects that are not named for being so slight; none where there are none."""
     if not slight:
         return ()
-    gains = [outcome.found[c.label].gain for c in named]
-    share = math.sqrt(max(outcome.found[c.label].gain for c in slight) / max(gains))
+    strongest, _ = _strongest(outcome)
+    most = max(outcome.found[c.label].gain for c in slight)
+    share = math.sqrt(max(most, 0.0) / strongest) if strongest > 0.0 else 0.0
     text = ', '.join(dict.fromkeys(c.name for c in slight))
     return (
         f'The extended model has {text} as well, which explains no more than {share:.1%} of the '
