@@ -304,7 +304,8 @@ def _of_modes(
     notes = [*notes, text]
     chain = chain_of_modes(parts, segments, modes, judge)
     if chain is not None:
-        return describe(Subject(campaign, model, segments, judge, chain, None, tuple(notes)))
+        outcome = Outcome(stated, *chain, believed=True)
+        return describe(Subject(campaign, model, segments, judge, outcome, None, tuple(notes)))
     outcome = Outcome(stated, stated, (), believed=False)
     more = modes if modes.fit is not stated else None
     return describe(Subject(campaign, model, segments, judge, outcome, more, tuple(notes)))

@@ -28,7 +28,6 @@ from impactscope.discrepancy.driven.models.measuring_chain import (
 )
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
-from impactscope.discrepancy.driven.search.beam_search import Outcome
 from impactscope.discrepancy.driven.systems.modal import ModalProblem, Modes
 from impactscope.discrepancy.evidence import noise_std
 from impactscope.discrepancy.parallel import in_parallel
@@ -83,8 +82,8 @@ class _Behind(ModalProblem):
 
 def chain_of_modes(
     parts: Sequence[Cut], segments: Sequence[Segment], modes: Modes, judge: Judge
-) -> Outcome | None:
-    """What the chain of one output does, where that explains what further modes do.
+) -> tuple[Fit, tuple[Fit, ...]] | None:
+    """What the chain of one output does, where that explains what further modes do, and rivals.
 
     None where nothing in the chain explains more than the stated modes, or further ones do better.
     """
@@ -121,7 +120,7 @@ def chain_of_modes(
     further = modes.fit is not stated
     if further and judge.criterion(best, stated) > judge.criterion(modes.fit, stated):
         return None
-    return Outcome(stated, best, tuple(f for f in found if f is not best), believed=True)
+    return best, tuple(f for f in found if f is not best)
 
 
 def _explains(made: Fit, stated: Fit, parts: Sequence[Cut], segments: Sequence[Segment]) -> bool:
