@@ -14,11 +14,11 @@ from scipy.signal import (
     bilinear,
     butter,
     cont2discrete,
-    filtfilt,
     lfilter,
     sosfilt,
     sosfiltfilt,
     ss2tf,
+    tf2sos,
     zpk2ss,
 )
 
@@ -188,7 +188,7 @@ def _fall(blow: Blow, t: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _sections(order: int, cutoff: float, rate: float) -> Array:
-    """Analogue Butterworth low pass at a rate, as second-order sections or as one of its order.
+    """Analogue Butterworth low pass at a rate, in sections of second order.
 
     The bilinear transform bends frequencies: it makes a filter of 15 kHz at 40 kHz one of twice
     that to slow signals. A high cut-off is therefore exact for signals straight between samples.
@@ -198,16 +198,8 @@ def _sections(order: int, cutoff: float, rate: float) -> Array:
         return low
     a, b, c, d = zpk2ss(*butter(order, 2 * math.pi * cutoff / rate, analog=True, output='zpk'))
     above, below = ss2tf(*cont2discrete((a, b, c, d), 1.0, 'foh')[:4])
-    return np.vstack([above[0], below])
-
-
-def _low_passed(signal: Array, chain: Chain, rate: float) -> Array:
-    if chain.cutoff < SLOW * rate:
-        sections = _sections(chain.order, chain.cutoff, rate)
-        run: Callable[..., Array] = sosfiltfilt if chain.zero_phase else sosfilt
-        return run(sections, signal)
-    both: Callable[..., Array] = filtfilt if chain.zero_phase else lfilter
-    return both(*_sections(chain.order, chain.cutoff, rate), signal)
+    high: Array = tf2sos(above[0], below)
+    return high
 
 
 def _filtered(signal: Array, chain: Chain, rate: float) -> Array:
@@ -216,7 +208,8 @@ def _filtered(signal: Array, chain: Chain, rate: float) -> Array:
     begin = signal[0]  # what was there for long has passed, or decayed behind AC coupling
     signal = signal - begin
     if chain.cutoff > 0:
-        signal = _low_passed(signal, chain, rate)
+        run: Callable[..., Array] = sosfiltfilt if chain.zero_phase else sosfilt
+        signal = run(_sections(chain.order, chain.cutoff, rate), signal)
     if chain.resonance > 0:
         omega = 2 * np.pi * chain.resonance_frequency
         swing = bilinear([omega**2], [1.0, 0.06 * omega, omega**2], fs=rate)

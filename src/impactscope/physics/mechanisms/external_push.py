@@ -33,4 +33,5 @@ MECHANISM = Mechanism(
     enter=_enter,
     needs=frozenset({'impactor'}),
     kin=('gravity_load',),
+    alone_in=('robot',),
 )

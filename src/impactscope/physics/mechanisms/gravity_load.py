@@ -25,4 +25,5 @@ MECHANISM = Mechanism(
     enter=_enter,
     needs=frozenset({'impactor'}),
     kin=('external_push',),
+    alone_in=('pendulum', 'robot'),
 )

@@ -25,4 +25,5 @@ MECHANISM = Mechanism(
     test="impactor's accelerometer, integrated over the contact, against the release angle",
     enter=_enter,
     needs=frozenset({'impactor'}),
+    alone_in=('pendulum',),
 )

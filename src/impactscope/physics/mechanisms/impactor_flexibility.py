@@ -37,4 +37,5 @@ MECHANISM = Mechanism(
     test="ringing of the impactor's accelerometer after it has left the plate",
     enter=_enter,
     needs=frozenset({'impactor'}),
+    alone_in=('robot', 'pendulum'),
 )

@@ -98,6 +98,7 @@ class Mechanism:
     retime: Callable[[Array, Values], Array] | None = None
     needs: frozenset[str] = field(default_factory=frozenset)  # of 'impactor', 'damper', 'bare'
     kin: tuple[str, ...] = ()  # mechanisms of the same family
+    alone_in: tuple[str, ...] = ()  # kinds of blows, of which it may act in one alone
     contains: tuple[str, ...] = ()  # of them, those that are this one with fewer numbers
 
     @property

@@ -22,4 +22,5 @@ MECHANISM = Mechanism(
     test='rebound on the horizontal bench: the impactor comes back after half a swing',
     enter=_enter,
     needs=frozenset({'impactor'}),
+    alone_in=('pendulum',),
 )

@@ -10,7 +10,7 @@ is strongest, as long as recordings held out are predicted better.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,13 +24,14 @@ from impactscope.discrepancy.driven.fits.weighted_residuals import channel_scale
 from impactscope.discrepancy.driven.model_selection.model_comparison import Judge
 from impactscope.discrepancy.driven.models.model import Segment
 
-__all__ = ['ModalProblem', 'Modes', 'further_modes']
+__all__ = ['STEPS', 'ModalProblem', 'Modes', 'further_modes', 'minimum']
 
 Array = NDArray[np.float64]
 
 MOST_MODES = 10
 RIDGE = 1e-10
 NARROWEST, WIDEST = 1e-4, 0.9  # damping ratios
+STEPS = (1e-5, 1e-3)  # of the logarithms of a frequency and of a damping ratio, for slopes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +57,42 @@ def _columns(drive: Array, poles: Array, period: float) -> Array:
         columns.append(signal.lfilter([1.0], denominator, drive))
         columns.append(np.concatenate([[0.0], columns[-1][:-1]]))
     return np.stack(columns, axis=1)
+
+
+def minimum(
+    left: Callable[[Array], Array],
+    start: Array,
+    steps: Array,
+    bounds: tuple[Array, Array],
+    evaluations: int,
+    tolerance: float,
+) -> tuple[Array, Array]:
+    """Numbers of the least squares within bounds, shape (k,), and the Jacobian there, (n, k).
+
+    ``tolerance``: relative fall of the sum of squares at which the search ends.
+    """
+
+    def jacobian(theta: Array) -> Array:
+        base = left(theta)
+        found = np.empty((base.size, theta.size))
+        for j in range(theta.size):
+            moved = theta.copy()
+            moved[j] += steps[j]
+            found[:, j] = (left(moved) - base) / steps[j]
+        return found
+
+    low, high = bounds
+    made = least_squares(
+        left,
+        np.clip(start, low + 1e-9, high - 1e-9),
+        jacobian,
+        bounds=bounds,
+        x_scale='jac',
+        max_nfev=evaluations,
+        ftol=tolerance,
+        xtol=1e-7,
+    )
+    return made.x, made.jac
 
 
 class ModalProblem:
@@ -112,30 +149,9 @@ class ModalProblem:
 
     def refine(self, poles: Array, evaluations: int) -> tuple[Array, Array]:
         """Refined poles and the projected Jacobian."""
-        low, high = self.bounds(poles.size // 2)
-        start = np.clip(poles, low + 1e-9, high - 1e-9)
-        steps = np.tile([1e-5, 1e-3], poles.size // 2)
-
-        def jacobian(theta: Array) -> Array:
-            base = self.residual(theta)
-            found = np.empty((base.size, theta.size))
-            for j in range(theta.size):
-                moved = theta.copy()
-                moved[j] += steps[j]
-                found[:, j] = (self.residual(moved) - base) / steps[j]
-            return found
-
-        made = least_squares(
-            self.residual,
-            start,
-            jacobian,
-            bounds=(low, high),
-            x_scale='jac',
-            max_nfev=evaluations,
-            ftol=1e-4,
-            xtol=1e-7,
-        )
-        return made.x, made.jac
+        modes = poles.size // 2
+        steps = np.tile(STEPS, modes)
+        return minimum(self.residual, poles, steps, self.bounds(modes), evaluations, 1e-4)
 
     def bounds(self, modes: int) -> tuple[Array, Array]:
         """Bounds of the poles of so many modes, shapes (2 modes,)."""

@@ -1,4 +1,4 @@
-"""The measuring chain of a structure of several modes: filters and clocks in an output.
+"""The measuring chain of a structure of several modes: filters, couplings, clocks of an output.
 
 The structure is linear, and so are these: what stands behind a channel may as well stand before
 the structure. So the input is filtered or shifted, channel by channel, and the modes are fitted to
@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from impactscope.discrepancy.driven.data.recordings import Cut
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
@@ -28,7 +27,7 @@ from impactscope.discrepancy.driven.models.measuring_chain import (
 )
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
-from impactscope.discrepancy.driven.systems.modal import ModalProblem, Modes
+from impactscope.discrepancy.driven.systems.modal import STEPS, ModalProblem, Modes, minimum
 from impactscope.discrepancy.evidence import noise_std
 from impactscope.discrepancy.parallel import in_parallel
 
@@ -41,7 +40,8 @@ FOLLOWED = 5  # candidates that are fitted, and a clock in any case
 STARTS = 12  # cut-offs to start from
 DELAYS = (0.2, 1.0, 3.0)  # samples, of a clock, to start from
 EVALUATIONS = 30
-STEP = 1e-4
+STEP = 1e-4  # of the effect's number over its scale, for slopes
+TOLERANCE = 1e-7
 NEARLY_NOTHING = 1e-6  # Hz, of a corner
 NOTHING = 1e-300  # power of a noise that is not there
 LEFT = 0.1  # of what the stated modes leave beyond noise, that an effect may leave
@@ -182,44 +182,23 @@ def _fitted(problem: _Behind, start: Array, stated: Fit) -> Fit:
     scale = np.ones(start.size)
     if _plain(number):
         scale[-1] = number.scale
-    steps = np.tile([1e-5, 1e-3], start.size // 2)
-    steps = np.append(steps, STEP)
-
-    def left(theta: Array) -> Array:
-        return problem.left(theta * scale)
-
-    def jacobian(theta: Array) -> Array:
-        base = left(theta)
-        return np.stack(
-            [
-                (left(theta + step * e) - base) / step
-                for step, e in zip(steps, np.eye(theta.size), strict=True)
-            ],
-            axis=1,
-        )
-
+    steps = np.append(np.tile(STEPS, start.size // 2), STEP)
     low, high = problem.bounds(start.size // 2)
     least = number.lower if _plain(number) else math.log(max(number.lower, NEARLY_NOTHING))
     most = number.upper if _plain(number) else math.log(number.upper)
-    low, high = np.append(low, least) / scale, np.append(high, most) / scale
-    begin = np.clip(start / scale, low + 1e-9, high - 1e-9)
-    made = least_squares(
-        left,
-        begin,
-        jacobian,
-        bounds=(low, high),
-        x_scale='jac',
-        max_nfev=EVALUATIONS,
-        ftol=1e-7,
-        xtol=1e-8,
+    theta, slopes = minimum(
+        lambda theta: problem.left(theta * scale),
+        start / scale,
+        steps,
+        (np.append(low, least) / scale, np.append(high, most) / scale),
+        EVALUATIONS,
+        TOLERANCE,
     )
-    theta = made.x * scale
-    values = problem.named(theta)
-    problem.values = values
-    modal, std = problem.fit(theta[:-1], made.jac[:, :-1], (theta.size - 1) // 2)
-    del std
-    gram = np.linalg.pinv(made.jac.T @ made.jac)
-    noise = float(made.fun @ made.fun) / made.fun.size
+    left = problem.left(theta * scale)  # which also takes the numbers over
+    values = problem.values
+    modal, _ = problem.fit(theta[:-1], slopes[:, :-1], (theta.size - 1) // 2)
+    gram = np.linalg.pinv(slopes.T @ slopes)
+    noise = float(left @ left) / left.size
     error = math.sqrt(max(float(gram[-1, -1]) * noise, 0.0)) * scale[-1]
     (label,) = values
     return Fit(

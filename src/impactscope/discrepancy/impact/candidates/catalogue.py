@@ -36,15 +36,6 @@ _PULSE_KNOWN = 0.3  # relative, of a tap's duration
 _RINGS = tuple(float(f) for f in np.geomspace(20.0, 1200.0, 29))  # Hz, where a part may ring
 _MOST_STARTS = 36  # of a candidate
 _WEIGHTS = ('gravity_load', 'restoring_force')
-# what one kind of impactor may have and another not: a motor pushes, a hinge rubs, an arm bends,
-# what hangs is pulled back
-_OF_ONE_KIND = {
-    'external_push': ('robot',),
-    'impact_speed_loss': ('pendulum',),
-    'impactor_flexibility': ('robot', 'pendulum'),
-    'restoring_force': ('pendulum',),
-    'gravity_load': ('pendulum', 'robot'),
-}
 _TIED = 1.0  # of chi-square, by which what not all blows have alike has to explain more
 
 
@@ -103,7 +94,7 @@ def _bench_candidates(
     )
     yield candidate
     strikers = {model.data.blows[i].recording.kind for i in model.data.fitted} - {'tap'}
-    for striker in _OF_ONE_KIND.get(kind.name, ()):
+    for striker in kind.alone_in:
         if striker in strikers and len(strikers) > 1:
             yield _of_one_kind(candidate, striker, model)
     shares = implied_shares(model, kind.name) if kind.name in _WEIGHTS else {}

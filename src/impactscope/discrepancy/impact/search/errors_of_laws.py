@@ -16,7 +16,7 @@ __all__ = ['errors_told', 'is_error_of_a_law', 'rest_of_a_law', 'without_errors_
 
 _DRY = ('coulomb_friction', 'asymmetric_friction', 'stribeck_friction')
 _SLIGHT = 0.01  # of the amplitude of a finding, up to which a further effect is no other one
-_ROUGH = 0.04  # likewise beside dry friction
+_ROUGH = 0.03  # likewise beside dry friction
 _DELAYING = ('low_pass_filter', 'clock_error')  # of a channel, that a law may look like
 
 

@@ -545,9 +545,7 @@ class Search:
     def _reconsider(self, current: Fit, outcome: Outcome, sound: Fit | None) -> Fit:
         """Find the last finding anew, where a longer window does not bear it out."""
         candidate = outcome.accepted[-1]
-        model = outcome.baseline.model
-        for chosen in outcome.accepted[:-1]:
-            model = chosen.extend(model)
+        model = outcome.model_with(outcome.accepted[:-1])
         known = current.values if sound is None else sound.values
         x = model.vector(known)
         without = at_point(model, current.layout, x)

@@ -87,9 +87,7 @@ def law_that_contains(
         laws = [c for c in listed if contains(c, plain)]
         if not laws:
             continue
-        without = outcome.baseline.model
-        for other in outcome.accepted:
-            without = without if other is plain else other.extend(without)
+        without = outcome.model_with(c for c in outcome.accepted if c is not plain)
         best: Found | None = None
         for law in laws:
             made = from_within(current, without, plain, law)
@@ -131,9 +129,7 @@ def law_in_place_of_two(
             continue
         if first is None or beyond is None or beyond.gain > _SLIGHT:
             continue  # what is left of a law is little beside what was found of it
-        without = outcome.baseline.model
-        for kept in outcome.accepted:
-            without = without if kept in (plain, other) else kept.extend(without)
+        without = outcome.model_with(c for c in outcome.accepted if c not in (plain, other))
         gain = first.gain + beyond.gain
         price = plain.price(first.gain, samples) + other.price(beyond.gain, samples)
         price += 2.0 * math.log(len(listed))
@@ -170,12 +166,10 @@ def filter_in_place_of_two(current: Fit, outcome: Outcome) -> Fit | None:
     if not pairs or not time_left('one filter in place of a filter and a clock'):
         return None
     wrong, clock = pairs[0]
-    model, samples = outcome.baseline.model, current.layout.size
-    for kept in outcome.accepted:
-        model = model if kept in (wrong, clock) else kept.extend(model)
+    model = outcome.model_with(c for c in outcome.accepted if c not in (wrong, clock))
     first, beyond = outcome.found[wrong.label], outcome.found[clock.label]
     gain = max(first.gain, beyond.gain)
-    dearer = clock.price(beyond.gain, samples)
+    dearer = clock.price(beyond.gain, current.layout.size)
     best: Found | None = None
     for candidate, cutoff in _filters_like(wrong, clock, current):
         extended = candidate.extend(model)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +13,7 @@ from impactscope.discrepancy.evidence import borne_by_many, family_p_value, info
 from impactscope.discrepancy.impact.adequacy.residual_tests import LONE, TOLD, Adequacy
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fits_from
-from impactscope.discrepancy.impact.models.bench_model import Free, Layout
+from impactscope.discrepancy.impact.models.bench_model import Free, ImpactModel, Layout
 from impactscope.physics.twin.simulate import SimulationError
 
 __all__ = [
@@ -69,6 +69,13 @@ class Outcome:
     held_out_baseline: Fit | None = None
     held_out_final: Fit | None = None
     notes: list[str] = field(default_factory=list)
+
+    def model_with(self, chosen: Iterable[Candidate]) -> ImpactModel:
+        """The model of the baseline with some candidates in it."""
+        model = self.baseline.model
+        for candidate in chosen:
+            model = candidate.extend(model)
+        return model
 
     def put_in_place(
         self, gone: Sequence[Candidate], best: Found, rivals: Sequence[Found]

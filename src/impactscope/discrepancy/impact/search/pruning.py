@@ -223,25 +223,26 @@ def _instead(
     known: Mapping[str, float],
 ) -> Found | None:
     """Another candidate in a finding's place, fitted over the whole window from known numbers."""
-    model = _model(outcome, (*rest, candidate))
+    without = outcome.model_with(rest)
+    model = candidate.extend(without)
     layout = outcome.final.layout
     x = model.vector(known)
     other: Fit | None = None
     with contextlib.suppress(ImpactscopeError):
         other = fit(model, layout, x, settled=0.1)
     if other is None or other.reduced > _LOST * max(1.0, outcome.final.reduced):
-        nearer = in_place_of(outcome.final, _model(outcome, rest), candidate)
+        nearer = in_place_of(outcome.final, without, candidate)
         if nearer is not None and (other is None or nearer.chi_square < other.chi_square):
             other = nearer
     same = bool(mine.candidate.parameter) and candidate.name in kin_of(mine.candidate)
     if other is not None and (same or other.chi_square > outcome.final.chi_square + _CLOSE):
-        nearer = with_its_numbers(outcome.final, _model(outcome, rest), candidate)
+        nearer = with_its_numbers(outcome.final, without, candidate)
         if nearer is not None and nearer.chi_square < other.chi_square:
             other = nearer
     if contains(candidate, mine.candidate) and time_left('fuller laws from a finding'):
         level = outcome.final.chi_square - _STUCK
         if other is None or other.chi_square > level:
-            fuller = from_within(outcome.final, _model(outcome, rest), mine.candidate, candidate)
+            fuller = from_within(outcome.final, without, mine.candidate, candidate)
             if fuller is not None and fuller.chi_square < level:
                 other = fuller
     if other is None:
@@ -271,13 +272,6 @@ def _against(candidate: Candidate, other: Fit, found: Found, final: Fit) -> tupl
     size = final.layout.size
     dearer = candidate.price(found.gain - worse, size) - mine.price(found.gain, size)
     return worse, dearer + doubt
-
-
-def _model(outcome: Outcome, chosen: Sequence[Candidate]) -> ImpactModel:
-    model = outcome.baseline.model
-    for candidate in chosen:
-        model = candidate.extend(model)
-    return model
 
 
 def _relatives(

@@ -135,7 +135,7 @@ class Screening:
 
     def _left(self, model: ImpactModel, x: Array) -> Array:
         """What the fitted numbers cannot re-tune of the residuals of an extended model."""
-        return self._out(self._aligned(model, model.residuals(x, self.current.layout)))
+        return self._left_and_plain(model, x)[0]
 
     def _left_and_plain(self, model: ImpactModel, x: Array) -> tuple[Array, float]:
         """The same, and the fall of chi-square without any re-tuning."""
