@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from impactscope.discrepancy.evidence import (
+    at_a_bound,
     borne_by_many,
     family_p_value,
     first_discoveries,
@@ -125,6 +126,13 @@ def test_an_interval_over_two_minima_is_no_narrower_than_over_one(std, away, lik
     both = spread_over_minima([std] * 2, [0.0, away], [1.0, likely])
     assert std * (1.0 - 1e-6) <= both <= std + away
     assert spread_over_minima([std], [0.0], [1.0]) == pytest.approx(std, rel=1e-6)
+
+
+def test_only_an_end_that_is_somewhere_is_a_bound():
+    assert at_a_bound(0.29999, 0.0, 0.3)
+    assert at_a_bound(1.0005, 1.0, math.inf)
+    assert not at_a_bound(0.0, 0.0, math.inf)
+    assert not at_a_bound(0.29, 0.0, 0.3)
 
 
 def test_an_interval_reaches_to_a_minimum_as_good():

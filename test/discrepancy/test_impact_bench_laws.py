@@ -120,3 +120,6 @@ def test_a_finding_is_not_replaced_by_a_law_that_resembles_it(make_campaign):
     gained = before.chi_square - after.chi_square
     assert law_instead(before, after, gained)[0] < law_instead(before, after, 1)[0]
     assert law.startswith(('a spring', 'an odd force of the displacement'))
+    # a finding that has to be as no such thing is has nothing ahead for being listed
+    listed, strained = (law_instead(before, after, 1, strained=s)[0] for s in (False, True))
+    assert 0.0 < strained <= 1.0 < listed

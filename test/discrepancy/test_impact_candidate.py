@@ -13,6 +13,7 @@ from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.discrepancy.impact.search.screening import Screening
+from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 from impactscope.physics.twin.assembly import Effect
 
 
@@ -59,3 +60,19 @@ def test_a_weight_that_goes_with_the_geometry_has_to_explain_more(make_campaign)
     plain, by_geometry = (listed[f'restoring_force{form}'] for form in ('', ' (by geometry)'))
     assert by_geometry.doubt > plain.doubt
     assert by_geometry.cost == plain.cost
+
+
+def test_no_number_of_a_mechanism_is_sought_beyond_what_is_credible_for_it(make_campaign):
+    campaign = make_campaign(5, duration=0.3)
+    found = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    limits = [
+        (f, p)
+        for c in candidates(found, ())
+        if c.name in all_mechanisms()
+        for p in mechanism(c.name).parameters
+        for f in c.free
+        if f.key == f'{c.label}.{p.name}'
+    ]
+    assert len(limits) > 40
+    for free, parameter in limits:
+        assert parameter.lower <= free.lower <= free.upper <= parameter.upper, free.key

@@ -21,6 +21,7 @@ from scipy import stats
 __all__ = [
     'BESIDE_UNKNOWN',
     'Thresholds',
+    'at_a_bound',
     'borne_by_many',
     'family_p_value',
     'first_discoveries',
@@ -41,6 +42,7 @@ Array = NDArray[np.float64]
 _INTERVAL, _HELD = 1.96, 0.95  # standard deviations to either side, and what lies between
 _HALVINGS = 30
 _FLAT, _NEAR = 3, 3.0  # readings at the top that tell a limit, and times the noise to it
+_AT_A_BOUND = 1e-3  # of a bound: what is nearer to it stands at it
 BESIDE_UNKNOWN = 0.7  # of a finding's probability, at most, where something is not known
 
 
@@ -54,6 +56,12 @@ class Thresholds:
     inadequate: float = 0.002  # chance of what is left under noise, below which it is not noise
     confusable: float = 0.02  # relative probability from which an explanation is not excluded
     held_out_loss: float = 9.0  # chi-square by which held-out recordings may get worse by chance
+
+
+def at_a_bound(value: float, lower: float, upper: float) -> bool:
+    """Whether a number stands at the end of what is credible for it; an end at zero is none."""
+    ends = (end for end in (lower, upper) if end != 0.0 and math.isfinite(end))
+    return any(abs(value - end) < _AT_A_BOUND * abs(end) for end in ends)
 
 
 def family_p_value(gain: float, parameters: int, looks: int) -> float:

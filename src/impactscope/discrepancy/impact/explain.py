@@ -20,7 +20,7 @@ from impactscope.discrepancy.answer import (
     stand_ins_told,
 )
 from impactscope.discrepancy.campaign import Campaign, Role
-from impactscope.discrepancy.evidence import BESIDE_UNKNOWN, Thresholds
+from impactscope.discrepancy.evidence import BESIDE_UNKNOWN, Thresholds, at_a_bound
 from impactscope.discrepancy.impact.adequacy.residual_tests import (
     TESTED,
     Adequacy,
@@ -400,13 +400,15 @@ def _unexplained(outcome: Outcome, thresholds: Thresholds) -> _Rest:
                 tests.p_value,
                 _slight(outcome, tests) or rest_of_a_law(outcome, tests),
             )
-        instead, law = _law_instead(outcome)
-        if instead < _OUTDONE:
+        strained = _strained(outcome)
+        instead, law = _law_instead(outcome, strained)
+        outdone = 1.0 if strained else _OUTDONE
+        if instead < outdone:
             return _Rest(
                 True,
                 f'Something is missing that no known mechanism explains: {law} explains the '
                 'recordings better than anything that is known here.',
-                thresholds.inadequate * instead / _OUTDONE,
+                thresholds.inadequate * instead / outdone,
             )
         if held is None or not missed or excused:
             return _Rest(False, held_out=missed)
@@ -505,7 +507,20 @@ def _one_is_another(outcome: Outcome, allowed: float, loss: float) -> bool:
     return met and gained > wanted - loss
 
 
-def _law_instead(outcome: Outcome) -> tuple[float, str]:
+def _strained(outcome: Outcome) -> bool:
+    """Whether a number of a finding stands at the end of what is credible for it."""
+    values = outcome.final.values
+    return any(
+        at_a_bound(values[key], p.lower, p.upper)
+        for c in outcome.accepted
+        if c.name in all_mechanisms()
+        for p in mechanism(c.name).parameters
+        for key in (f'{c.label}.{p.name}',)
+        if any(f.key == key for f in c.free)
+    )
+
+
+def _law_instead(outcome: Outcome, strained: bool) -> tuple[float, str]:
     """Odds of the findings against a law, see :func:`law_instead`; and its name."""
     tunable = outcome.accepted and all(c.free for c in outcome.accepted)
     if not tunable or outcome.baseline.reduced > _WEAK:
@@ -513,7 +528,7 @@ def _law_instead(outcome: Outcome) -> tuple[float, str]:
     cost = sum(c.cost for c in outcome.accepted)
     # each further finding was chosen among all mechanisms, too, where one law does
     chosen = 2.0 * math.log(len(all_mechanisms())) * (len(outcome.accepted) - 1)
-    return law_instead(outcome.baseline, outcome.final, cost + chosen)
+    return law_instead(outcome.baseline, outcome.final, cost + chosen, strained)
 
 
 def _missed_early(outcome: Outcome, allowed: float) -> bool:

@@ -27,7 +27,7 @@ from impactscope.discrepancy.driven.model_selection.overdispersion import levels
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import key
 from impactscope.discrepancy.driven.noise.spectral_whitening import Stepped
-from impactscope.discrepancy.evidence import borne_by_many
+from impactscope.discrepancy.evidence import at_a_bound, borne_by_many
 
 __all__ = [
     'BESIDE',
@@ -54,7 +54,6 @@ LONE, TOLD = 6, 4.0  # samples that may stand out, and the chi-square that each 
 LEAST_TO_SHAPE = 14.0  # worth of a law, from which its shape is sought further
 SHAPE_STEP, SHAPES = 0.2, 80  # first step, in logarithms, and shapes at most
 MARGIN = 10.0  # chi-square by which a law beyond the vocabulary must be the better explanation
-AT_A_BOUND = 1e-3  # of a bound: what is nearer to it stands at it
 # share of what a law explains alone, by which a finding and a law beside it must explain more to
 # stand together
 FAR_MORE = 0.1
@@ -284,18 +283,12 @@ def _gain(here: Linearisation, rows: Array) -> tuple[float, int, Array]:
 
 def _strained(best: Fit, baseline: Fit) -> bool:
     """Whether a number of a finding stands at the end of what is credible for it."""
-
-    def at_the_end(value: float, end: float) -> bool:
-        return end != 0.0 and abs(value - end) < AT_A_BOUND * abs(end)
-
     return any(
-        at_the_end(best.values[key(t, n)], end)
+        at_a_bound(best.values[key(t, n)], n.lower, n.upper)
         for t in best.terms
         if t not in baseline.terms
         for n in t.numbers
         if key(t, n) in best.values
-        for end in (n.lower, n.upper)
-        if math.isfinite(end)
     )
 
 

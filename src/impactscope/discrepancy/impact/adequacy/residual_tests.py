@@ -244,7 +244,9 @@ def _levels(fit: Fit) -> list[Law]:
     return found
 
 
-def law_instead(before: Fit, after: Fit, price: float) -> tuple[float, str]:
+def law_instead(
+    before: Fit, after: Fit, price: float, strained: bool = False
+) -> tuple[float, str]:
     """Odds of the findings against a law that explains more in their place, and its name.
 
     ``before``: the baseline, ``after``: with the findings, of which chance explains that much of
@@ -252,7 +254,8 @@ def law_instead(before: Fit, after: Fit, price: float) -> tuple[float, str]:
     fall of chi-square that a law has ahead of the findings counts as evidence: a law that only
     resembles what is there gets ahead by no more than noise, or by a share of the whole in which
     two sound simulations may differ. Before that, one thing in ten that are missing is none that
-    is known, each mechanism is as likely as any other, and so is each law.
+    is known, each mechanism is as likely as any other, and so is each law. ``strained``: findings
+    have to be as no such thing is; for being listed they are not the likelier ones then.
     """
     fits = []
     for found in (before, after):
@@ -277,7 +280,8 @@ def law_instead(before: Fit, after: Fit, price: float) -> tuple[float, str]:
         best = max(best, (power - own - needed, law.label))
     ahead = max(best[0] - _APART * max(needed, 0.0), 0.0) / spread
     each = (1.0 - _STRANGE) / len(all_mechanisms()), _STRANGE / len(laws)
-    return each[0] / each[1] * math.exp(-0.5 * min(ahead, 1e3)), best[1]
+    prior = 1.0 if strained else each[0] / each[1]
+    return prior * math.exp(-0.5 * min(ahead, 1e3)), best[1]
 
 
 def _along(law: Law, left: Array, basis: Array, weight: Array) -> tuple[float, int]:

@@ -160,7 +160,7 @@ def _free(tag: str, parameter: Parameter, scales: MotionScales) -> Free:
     if parameter.absent is None and parameter.logarithmic and lower > 0:
         return Free(key, middle, 0.05, lower, upper, logarithmic=True)
     if parameter.name == 'damping_ratio':
-        return Free(key, middle, 0.01, 1e-3, 0.9)
+        return Free(key, middle, 0.01, 1e-3, min(upper, 0.9))
     scale = 0.02 if parameter.absent == 1.0 else max(0.1 * middle, 1e-9)
     return Free(key, middle, scale, lower, upper)
 
