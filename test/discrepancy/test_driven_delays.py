@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections import defaultdict
 from types import SimpleNamespace
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.driven.findings.ranking import (
     _among_forms,
+    _confused,
     _no_surer,
     _one_form_each,
     _other_delay,
@@ -189,3 +191,28 @@ def test_a_chosen_name_is_as_likely_as_its_likeliest_form():
     subject = SimpleNamespace(judge=judge, outcome=SimpleNamespace(baseline=None))
     judged = _one_form_each(subject, [rated, plain, first, second])
     assert list(judged.items()) == [(rated, 13.4), (second, 13.5)]
+
+
+def test_states_of_single_recordings_make_no_rival_the_richer_one():
+    """A filter has one number and states where each recording begins and ends."""
+    judge = SimpleNamespace(
+        thresholds=SimpleNamespace(confusable=0.02),
+        gain=lambda *_: SimpleNamespace(total=0.0),
+    )
+
+    known = defaultdict(float)
+
+    def made(name, shared, own):
+        return SimpleNamespace(
+            terms=(Term(name),), added=shared + own, own=own, values=known, std=known
+        )
+
+    best = made('base_compliance', 3, 0)
+    filtered, gap = made('low_pass_filter', 1, 10), made('clearance', 4, 0)
+    subject = SimpleNamespace(judge=judge, case='a case', outcome=SimpleNamespace(best=best))
+    names, weights = {'base_compliance'}, (0.7, 0.2, 0.1)
+    found = _confused(subject, 'base_compliance', names, (best, filtered, gap), weights)
+    assert found == ('low_pass_filter',)
+    # of what is far less likely nothing is said
+    found = _confused(subject, 'base_compliance', names, (best, filtered), (0.99, 0.01))
+    assert found == ()

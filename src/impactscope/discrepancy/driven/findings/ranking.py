@@ -158,12 +158,15 @@ def _one_form_each(s: Subject, fits: Sequence[Fit]) -> dict[Fit, float]:
 def _confused(
     s: Subject, name: str, best: set[str], fits: Sequence[Fit], weight: Sequence[float]
 ) -> tuple[str, ...]:
-    """Effects that stand in for one in models that are not excluded and need no more numbers."""
-    top = weight[0]
+    """Effects that stand in for one in models that are not excluded and need no more numbers.
+
+    Numbers of each recording, such as a filter's state where it begins, are no part of the law.
+    """
+    top, best_fit = weight[0], s.outcome.best
     found: list[str] = []
     for made, p in zip(fits, weight, strict=True):
         names = {t.name for t in made.terms}
-        extra = made.added - s.outcome.best.added
+        extra = (made.added - made.own) - (best_fit.added - best_fit.own)
         if name in names or (extra > 0 and s.case is None):
             continue
         if extra > 0 and not _open(s, made):
