@@ -173,6 +173,25 @@ def test_a_narrow_interval_does_not_cover():
     assert m.covered == {'coulomb_friction.force': False}
 
 
+def test_an_excluded_form_of_what_was_accepted_is_not_what_was_told():
+    """A ranking goes on behind what was accepted, with other forms of the same name."""
+    reply = _reply('coulomb_friction')
+    other = {'force': {'value': 0.5, 'std': 0.01, 'unit': 'N'}}
+    reply['ranking'].append({'name': 'coulomb_friction', 'parameters': other})
+    m = mark('c', _answer(), reply, 3.0)
+    assert m.covered == {'coulomb_friction.force': True}
+
+
+def test_of_several_of_a_name_that_of_the_channel_is_marked():
+    hidden = _answer('offset')
+    hidden['parts'][0]['parameters']['channel'] = 'acceleration.plate'
+    reply = _reply('offset', 'offset')
+    for entry, channel in zip(reply['ranking'], ('force', 'acceleration.plate'), strict=True):
+        entry['channel'] = channel
+    reply['ranking'][0]['parameters'] = {'force': {'value': 9.0, 'std': 0.1, 'unit': 'N'}}
+    assert mark('c', hidden, reply, 3.0).covered == {'offset.force': True}
+
+
 def test_a_false_companion_spoils_the_set_and_not_the_first_name():
     m = mark('c', _answer(), _reply('coulomb_friction', 'mains_hum'), 3.0)
     assert m.name_first

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -115,15 +115,18 @@ def mark(
         detected = detected and bool(accepted)
     result.accepted = accepted
     result.finding = bool(accepted) or detected or unexplained
-    entry = {str(r.get('name')): r for r in ranking}
+    entry: dict[str, Mapping[str, Any]] = {}
+    for told_first in ranking:
+        entry.setdefault(str(told_first.get('name')), told_first)
     result.first = _first(accepted, ranking, unexplained)
     confusable = set(answer.get('confusable') or {})
     if names:
         _mark_names(result, names, entry, confusable, unexplained, outside=outside)
         _mark_place(result, parts, reply, answer)
         for part in parts:
-            if part['name'] in entry and part['name'] != 'wrong_parameter':
-                _mark_parameters(result, part, entry[part['name']])
+            told_of = _told_of(part, ranking)
+            if told_of is not None and part['name'] != 'wrong_parameter':
+                _mark_parameters(result, part, told_of)
         if ranking and _number(ranking[0].get('probability')) is not None:
             result.probability = _number(ranking[0].get('probability'))
         if any(p['family'] in ('parameter', 'label') for p in parts):
@@ -222,6 +225,15 @@ def _covers(region: Mapping[str, Any], recording: str, channel: str, moment: flo
         return False
     start, end = _number(region.get('start_s')), _number(region.get('end_s'))
     return start is not None and end is not None and start - BIN <= moment <= end + BIN
+
+
+def _told_of(
+    part: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]
+) -> Mapping[str, Any] | None:
+    """The first entry of a concealed part's name, one of its channel before others."""
+    named = [r for r in ranking if r.get('name') == part['name']]
+    channel = part['parameters'].get('channel')
+    return next((r for r in named if r.get('channel') == channel), named[0] if named else None)
 
 
 def _mark_parameters(result: Mark, part: Mapping[str, Any], entry: Mapping[str, Any]) -> None:
