@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
@@ -196,3 +197,46 @@ def test_a_weak_effect_of_a_short_window_is_asked_for_again_over_the_whole_one(
     current = SimpleNamespace(layout=SimpleNamespace(size=1000))
     start = SimpleNamespace(reduced=reduced)
     assert searching.Search._seen_in_part(start, current, outcome) is again
+
+
+@pytest.mark.parametrize(
+    ('deepest', 'shared', 'stays'),
+    [
+        (104.0, True, False),  # as much as both, but for what the choice of a second one costs
+        (130.0, True, True),
+        (104.0, False, True),  # what was tried in the place of one only is no rival of both
+    ],
+)
+def test_a_rival_of_two_findings_takes_the_place_of_both(
+    monkeypatch: pytest.MonkeyPatch, deepest: float, shared: bool, stays: bool
+) -> None:
+    """Two wrong numbers beside friction leave 100 of 300; one effect from its second start 104."""
+    first, second = wrong_number(), dataclasses.replace(wrong_number(), label='another number')
+    friction = Candidate(label='friction', name='coulomb_friction', subsystem='guide')
+    push = dataclasses.replace(PUSH, free=first.free)
+    layout = SimpleNamespace(size=1000)
+    none = np.zeros(layout.size)
+
+    def at(level: float, value: float) -> SimpleNamespace:
+        values = {LOAD: value}
+        more = {'reduced': 1.0, 'layout': layout, 'residuals': none}
+        return SimpleNamespace(chi_square=level, values=values, **more)
+
+    final, without = at(100.0, 0.0), at(300.0, 0.0)
+    outcome = Outcome(without, final, [friction, first, second], looks=50)
+    outcome.found = {c.label: Found(c, final, 90.0, 1e-9, -80.0) for c in (first, second)}
+    tried = [Found(push, at(190.0, value), 10.0, 0.1, 5.0) for value in (1.0, 2.0)]
+    outcome.rivals = {first.label: tried[:1], second.label: tried[1:] if shared else []}
+    monkeypatch.setattr(pruning, 'with_findings', lambda *_: without)
+    monkeypatch.setattr(pruning, 'Screening', lambda _: SimpleNamespace(best=lambda _: []))
+    monkeypatch.setattr(pruning, 'at_bottom', lambda item, _: item)
+
+    def fitted(_: object, __: object, rest: list[Candidate], candidate: Candidate, known) -> Found:
+        assert rest == [friction]
+        level = deepest if known[LOAD] == 2.0 else 250.0
+        return Found(candidate, at(level, known[LOAD]), 0.0, 1.0, 0.0)
+
+    monkeypatch.setattr(pruning, '_instead', fitted)
+    assert pruning.one_for_two(outcome) is not stays
+    assert outcome.accepted == ([friction, first, second] if stays else [friction, push])
+    assert outcome.final.chi_square == (100.0 if stays else deepest)

@@ -59,7 +59,12 @@ from impactscope.discrepancy.impact.search.outcome import (
 )
 from impactscope.discrepancy.impact.search.pairs import Pair, pairs
 from impactscope.discrepancy.impact.search.profile_likelihood import profiled
-from impactscope.discrepancy.impact.search.pruning import at_bottom, no_weight_along, prune
+from impactscope.discrepancy.impact.search.pruning import (
+    at_bottom,
+    no_weight_along,
+    one_for_two,
+    prune,
+)
 from impactscope.discrepancy.impact.search.returns import swept
 from impactscope.discrepancy.impact.search.screening import Screening, Trial
 from impactscope.discrepancy.impact.search.strong_effects import (
@@ -240,6 +245,8 @@ class Search:
         for _ in range(_PRUNED):
             doubted = outcome.final
             prune(outcome, self.thresholds, self.windows[1], self.progress)
+            if one_for_two(outcome):
+                prune(outcome, self.thresholds, self.windows[1], self.progress)
             no_weight_along(outcome)
             if outcome.final is not doubted:
                 outcome.tests = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 
@@ -29,7 +30,7 @@ from impactscope.discrepancy.impact.search.strong_effects import (
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['at_bottom', 'drop_idle', 'no_weight_along', 'prune']
+__all__ = ['at_bottom', 'drop_idle', 'no_weight_along', 'one_for_two', 'prune']
 
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
 _RIVALS = 3  # that are
@@ -188,6 +189,58 @@ def at_bottom(item: Found, most: float) -> Found:
     return dataclasses.replace(
         item, fit=best, gain=item.gain + fallen, criterion=item.criterion - fallen
     )
+
+
+def one_for_two(outcome: Outcome) -> bool:
+    """One explanation in place of two findings, where it was a rival of both; whether it was.
+
+    In a short window a wrong number of the simulation may stand for a part of what is missing,
+    and another one then for the rest. What takes their place has to explain as much as both, but
+    for their numbers and the choice of a further one.
+    """
+    final = outcome.final
+    size = final.layout.size
+    for pair in itertools.combinations(outcome.accepted, 2):
+        of_both = _rivals_of_both(outcome, *pair)
+        if not of_both or not time_left('one effect in place of two'):
+            continue
+        rest = [c for c in outcome.accepted if c not in pair]
+        without = with_findings(outcome, rest, final.layout)
+        gain = evidence_for(final, without)
+        price = sum(c.price(gain, size) + c.doubt_at(final.values) for c in pair)
+        reached = price + 2.0 * math.log(outcome.looks) - gain
+        screening = Screening(without)
+        found: list[Found] = []
+        for candidate, known in of_both[:_RIVALS]:
+            starts = [*known, *(t.model.values(t.x) for t in screening.best(candidate)[:1])]
+            mine = outcome.found[pair[0].label]
+            made = (
+                _instead(outcome, mine, rest, candidate, {**final.values, **s}) for s in starts
+            )
+            fits = [f.fit for f in made if f is not None]
+            if fits:
+                deepest = min(fits, key=lambda f: f.chi_square)
+                item = weigh(candidate, deepest, without, outcome.looks)
+                found.append(at_bottom(item, final.chi_square + _CLOSE))
+        best = min(found, key=lambda f: f.criterion, default=None)
+        if best is not None and best.criterion < reached and not best.refused:
+            outcome.final = best.fit
+            outcome.put_in_place(pair, best, found)
+            return True
+    return False
+
+
+def _rivals_of_both(
+    outcome: Outcome, one: Candidate, other: Candidate
+) -> list[tuple[Candidate, list[Mapping[str, float]]]]:
+    """What has been fitted instead of either of two findings, with what it was fitted to."""
+    taken = {c.label for c in outcome.accepted}
+    first, second = (
+        {f.candidate.label: f for f in outcome.rivals.get(c.label, ())} for c in (one, other)
+    )
+    both = [f for label, f in first.items() if label in second and label not in taken]
+    both.sort(key=lambda f: f.criterion)
+    return [(f.candidate, [f.fit.values, second[f.candidate.label].fit.values]) for f in both]
 
 
 def no_weight_along(outcome: Outcome) -> None:
