@@ -66,6 +66,16 @@ def test_a_baseline_follows_to_the_end_and_predicts(make_campaign, monkeypatch):
         assert further_misfit((wrong, held_out), (found, held_out)) == pytest.approx(-rise)
 
 
+def test_a_contact_that_begins_with_the_last_sample_is_no_missed_prediction(monkeypatch):
+    samples = np.zeros(1000)
+    predicted = SimpleNamespace(layout=SimpleNamespace(size=samples.size), x=np.zeros(2))
+    monkeypatch.setattr(prediction, '_unforeseen', lambda *_: samples)
+    samples[-1] = 46.0
+    assert prediction_misfit(None, predicted) < 0.02
+    samples[-20:] = 46.0  # but one that is missed as long as it lasts is
+    assert prediction_misfit(None, predicted) > 30.0
+
+
 @pytest.mark.parametrize(('stiffness', 'restitution'), [(1.5e7, 0.9), (1e8, 0.85), (3e9, 0.3)])
 def test_a_bare_contact_is_met_whatever_its_law(make_campaign, stiffness, restitution):
     contact = BareContact(stiffness, restitution=restitution)

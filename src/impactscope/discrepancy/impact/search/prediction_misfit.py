@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.evidence import borne_by_many
-from impactscope.discrepancy.impact.adequacy.residual_tests import LONE
+from impactscope.discrepancy.impact.adequacy.residual_tests import LONE, without_lone
 from impactscope.discrepancy.impact.fits.least_squares import Fit, jacobian, projector
 
 __all__ = ['further_misfit', 'prediction_misfit']
@@ -61,9 +61,12 @@ def _of_many(rise: Array) -> float:
 
 
 def prediction_misfit(found: Fit, predicted: Fit) -> float:
-    """Reduced chi-square of a prediction, allowing for what the fit knows not of its numbers."""
+    """Reduced chi-square of a prediction, allowing for what the fit knows not of its numbers.
+
+    No few samples decide: the last one may be that in which a contact just begins.
+    """
     size = predicted.layout.size
-    residuals = _unforeseen(found, predicted, np.ones(size))
+    residuals = without_lone(_unforeseen(found, predicted, np.ones(size)))
     return float(residuals @ residuals) / max(size - predicted.x.size, 1)
 
 
