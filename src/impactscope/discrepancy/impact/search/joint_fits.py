@@ -179,7 +179,8 @@ class JointFits:
             # weak counts, too
             if best.gain > found[0].gain:
                 return best
-            return dataclasses.replace(best, gain=found[0].gain, by_slope=found[0].x)
+            other = found[0].x if found[0].by_slope is None else found[0].by_slope
+            return dataclasses.replace(best, gain=found[0].gain, by_slope=other)
 
         top = in_parallel(refined, tried[: 2 * _JOINT])
         return sorted(top, key=lambda t: t.gain, reverse=True)

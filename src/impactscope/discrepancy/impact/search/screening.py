@@ -296,7 +296,9 @@ class Screening:
         known = dict(zip(self.keys, self.current.x - step / self.scale, strict=True))
         x = np.array([known[f.key] for f in model.free])
         lower, upper = model.bounds()
-        return Trial(candidate, gain, model, np.clip(x, lower, upper))
+        # where contacts amplify the least step, what is gained without any counts
+        here = self.vector(model, {})
+        return Trial(candidate, gain, model, np.clip(x, lower, upper), by_slope=here)
 
     def _freed(self, candidate: Candidate) -> Trial | None:
         """A stated number set free: by its slope where it stands.
