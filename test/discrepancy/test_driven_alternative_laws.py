@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy import signal
+from scipy.integrate import solve_ivp
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
@@ -79,3 +80,29 @@ def test_plain_friction_is_tried_again_where_it_had_stood_still(again, taken):
     found = plain_friction(Tried(), best, judge)
     assert (found is not best) is taken
     assert began == [{'coulomb_friction.force': pytest.approx(0.5)}]
+
+
+def test_a_pendulum_in_air_swings_by_its_weight():
+    """The cube of the angle is found first, then drag; what is left looks like a soft stop."""
+    rng = np.random.default_rng(35)
+    rate, noise, stiffness, damping, drag = 50.0, 0.004, 26.5, 0.03, 0.012
+    entries, channels = [], {}
+    for i, begin in enumerate(((0.9, 0.0), (0.5, 0.4), (1.2, 0.0), (0.7, -0.3))):
+        time = np.arange(750) / rate
+
+        def swings(_, y):
+            return y[1], -stiffness * np.sin(y[0]) - damping * y[1] - drag * y[1] * abs(y[1])
+
+        swing = solve_ivp(swings, (0.0, time[-1]), begin, t_eval=time, rtol=1e-9, atol=1e-9)
+        values = swing.y[0] + noise * rng.standard_normal(time.size)
+        file, name = f'r{i}.mcap', 'displacement.angle'
+        entries.append({'file': file, 'role': 'hold_out' if i == 3 else 'fit'})
+        channels[file] = {name: ChannelSamples(name, 'rad', rate, 0.0, values)}
+    bench = {'kind': 'driven', 'input': 'none', 'outputs': ['displacement.angle']}
+    whole = {'version': 1, 'bench': bench, 'baseline': ['linear_sensor'], 'recordings': entries}
+    answer = explain_driven(parse_campaign(whole, 'pendulum').with_samples(channels.__getitem__))
+    assert set(answer.accepted) == {'restoring_force', 'quadratic_damping'}
+    found = {f.name: f.parameters for f in answer.findings}
+    weight, air = found['restoring_force']['stiffness'], found['quadratic_damping']['coefficient']
+    assert abs(weight.value - stiffness) < 4.0 * weight.std
+    assert abs(air.value - drag) < 4.0 * air.std

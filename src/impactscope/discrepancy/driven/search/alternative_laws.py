@@ -24,6 +24,7 @@ __all__ = [
     'plain_friction',
     'spring_of_position',
     'uneven_friction',
+    'weight_in_place_of_cube',
 ]
 
 RELATIVES = ('stribeck_friction', 'asymmetric_friction')
@@ -58,6 +59,24 @@ def base_in_place_of_play(fits: Fits, best: Fit, judge: Judge) -> Fit:
         if n.name in values
     }
     made = fits.once_more(best, (*rest, base), initial)
+    ahead = judge.criterion(made, fits.baseline) < judge.criterion(best, fits.baseline)
+    return made if ahead else best
+
+
+def weight_in_place_of_cube(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """A hanging weight against a spring that gets softer with the cube of the angle.
+
+    The cube comes near its sine, and what is left of it looks like a further effect; once one of
+    them is found no single effect leads to the other.
+    """
+    cube = next((t for t in best.terms if t.name == 'softening_spring'), None)
+    weight = next((t for t in fits.model.terms if t.label == 'restoring_force'), None)
+    if cube is None or weight is None or weight.numbers:  # of an axis it is a spring
+        return best
+    rest = tuple(t for t in best.terms if t is not cube)
+    if not all(weight.stands_with(t) for t in rest):
+        return best
+    made = fits.once_more(best, (*rest, weight), {})
     ahead = judge.criterion(made, fits.baseline) < judge.criterion(best, fits.baseline)
     return made if ahead else best
 

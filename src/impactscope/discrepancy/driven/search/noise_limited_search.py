@@ -31,6 +31,7 @@ from impactscope.discrepancy.driven.search.alternative_laws import (
     plain_friction,
     spring_of_position,
     uneven_friction,
+    weight_in_place_of_cube,
 )
 from impactscope.discrepancy.driven.search.beam_search import Outcome, prune
 from impactscope.discrepancy.driven.search.joint_fits import Fits, labels_of
@@ -114,6 +115,7 @@ def noise_limited_search(
         beam = close[:2]
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
     best = _pruned(fits, best, judge)
+    best = _pruned(fits, weight_in_place_of_cube(fits, best, judge), judge)
     best = base_in_place_of_play(fits, best, judge)
     best = _pruned(fits, uneven_friction(fits, best, judge), judge)
     best = _pruned(fits, plain_friction(fits, best, judge), judge)
