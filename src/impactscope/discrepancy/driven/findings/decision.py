@@ -19,6 +19,7 @@ from impactscope.discrepancy.driven.findings.ranking import (
 )
 from impactscope.discrepancy.driven.findings.subject import Subject
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
+from impactscope.discrepancy.driven.models.backlash import COUPLED
 from impactscope.discrepancy.driven.models.terms import Term
 from impactscope.discrepancy.driven.search.beam_search import Outcome
 from impactscope.discrepancy.evidence import BESIDE_UNKNOWN
@@ -90,10 +91,13 @@ def decide(s: Subject) -> Decision:
     others = [*dropped, *others] if instead else [*others, *dropped]
     most = BESIDE_UNKNOWN if unknown and len(taken) > 1 else MOST
     # what findings leave is not known, be it an error of their laws or of all else in the model
+    strange = next((f.sentence for f in taken if f.name == 'unknown'), '')
     unexplained = stranger or bool(left and taken)
     if unexplained and not stranger:
         left = f'More than noise is left, and not known what it is: {left}'
-    kept = tuple(t for t in new if t.name not in doubted)
+    elif not left and strange:
+        left, unexplained = strange, True
+    kept = tuple(t for t in new if t.name not in {*doubted, COUPLED})
     return Decision(
         s,
         final,

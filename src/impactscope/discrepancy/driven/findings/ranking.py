@@ -19,6 +19,7 @@ from impactscope.discrepancy.driven.findings.mains_hum import hum_in_force
 from impactscope.discrepancy.driven.findings.subject import Subject
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.model_selection.chi_square import BETWEEN, DELAYING
+from impactscope.discrepancy.driven.models.backlash import COUPLED
 from impactscope.discrepancy.driven.models.measuring_chain import filter_of
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel, gain_of
 from impactscope.discrepancy.driven.models.relaxation import NAME as RELAXING
@@ -304,7 +305,7 @@ def _finding(
         parameters['amplitude'], channel = hum, str(s.campaign.bench['input'])
         sentence = 'Mains hum stands in the recorded force; the axis has not felt it.'
     return Finding(
-        name=term.name,
+        name='unknown' if term.name == COUPLED else term.name,  # of names that others know
         probability=min(probability, 1.0),
         subsystem=term.subsystem,
         parameters=parameters,
@@ -403,6 +404,9 @@ def _numbers(s: Subject, term: Term, made: Fit) -> dict[str, ParameterEstimate]:
         known = math.isfinite(branch.std) and math.isfinite(time.std)
         std = math.sqrt(made.variance_along(slopes)) if known else math.nan
         found['damping'] = ParameterEstimate(k * t, std, branch.unit.replace('/', ' s/', 1))
+    if term.name == COUPLED:
+        # how the mass is shared hangs on which of the two the damping acts, which is not seen
+        found.pop('load_share')
     if term.name == 'stribeck_friction':
         kinetic, excess = found['kinetic_force'], found.pop('excess_force')
         value = float(kinetic.value) + float(excess.value)

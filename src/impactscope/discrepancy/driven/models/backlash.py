@@ -3,11 +3,13 @@
 Two masses with a gap between them: inside the gap the driven one moves alone, at its ends a stiff
 contact with damping pushes and never pulls (Nordin and Gutman, Controlling mechanical systems with
 backlash, Automatica 38 (2002)). Or an encoder behind a gear, which follows once the gap is taken
-up: the play operator (Krasnosel'skii and Pokrovskii, Systems with Hysteresis (1989)).
+up: the play operator (Krasnosel'skii and Pokrovskii, Systems with Hysteresis (1989)). Or no gap at
+all: a load on a belt or a shaft that pushes and pulls.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Final
 
@@ -17,13 +19,15 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.driven.compiled import compiled, law
 from impactscope.discrepancy.driven.models.terms import Number, Term
 
-__all__ = ['BACKLASH', 'backlash_terms', 'follow', 'run_with_backlash']
+__all__ = ['BACKLASH', 'COUPLED', 'NONE', 'backlash_terms', 'follow', 'run_with_backlash']
 
 Array = NDArray[np.float64]
 
 BACKLASH: Final = frozenset({'clearance/drive', 'clearance/load', 'clearance/encoder'})
+COUPLED: Final = 'elastic_coupling'  # the two masses without a gap; of no library
 GAPS = (3e-5, 1e-3, 1e-2)  # of the range of motion
 SHARES = (0.2, 0.35, 0.5, 0.65)
+NONE = -1.0  # in place of a gap, where there is none
 STIFF = (50.0, 120.0)  # Hz, of the contact, to set out from
 ANGLE = 0.25  # rad of the contact's oscillation in a sub-step
 MOST_STEPS = 40
@@ -42,6 +46,8 @@ def backlash_terms(
     """
     gaps = tuple(g * position for g in GAPS)
     gap = Number('gap', unit, gaps, gaps[0], 0.0, position)
+    # wide scales: single contacts make narrow differences rough
+    share = Number('load_share', '1', SHARES, 5.0, 0.02, 0.98)
     found = []
     for variant, where in (('drive', 'on the side of the drive'), ('load', 'on the load')):
         found.append(
@@ -54,8 +60,7 @@ def backlash_terms(
                 'small slow movements with reversals, with a second encoder on the load',
                 (
                     gap,
-                    # wide scales: single contacts make narrow differences rough
-                    Number('load_share', '1', SHARES, 5.0, 0.02, 0.98),
+                    share,
                     Number('contact_frequency', 'Hz', STIFF, 500.0, 5.0, 0.4 * rate),
                     Number('contact_damping_ratio', '1', (0.3,), 5.0, 0.0, 2.0),
                 ),
@@ -65,6 +70,23 @@ def backlash_terms(
                 rough=True,
             )
         )
+    found.append(  # with the encoder on the drive it is a base that gives way
+        Term(
+            COUPLED,
+            'unknown',
+            'The drive moves its load through an elastic coupling, a belt or a shaft; of play '
+            'between them nothing is seen. That is not in the library.',
+            'two masses; coupling force k d + c d/dt d',
+            'Nordin and Gutman, Automatica 38 (2002), without their gap',
+            'the same movements with a second encoder on the drive',
+            (
+                dataclasses.replace(share, scale=0.05),
+                Number('frequency', 'Hz', STIFF, 5.0, 5.0, 0.4 * rate),
+                Number('damping_ratio', '1', (0.05,), 0.01, 0.0, 1.0),
+            ),
+            excludes=excludes | {'clearance', 'base_compliance'},
+        )
+    )
     found.append(
         Term(
             'clearance',
@@ -94,6 +116,8 @@ def follow(x: Array, gap: float, out: Array) -> None:
 @law
 def _contact(d: float, r: float, half: float, stiffness: float, damping: float) -> float:
     """Force between the masses at a distance ``d`` that grows at ``r``."""
+    if half < 0.0:
+        return stiffness * d + damping * r
     if d > half:
         return max(stiffness * (d - half) + damping * r, 0.0)
     if d < -half:
@@ -109,8 +133,9 @@ def run_with_backlash(
 
     Args:
         p: mass of both, viscous damping of the drive, constant force beside the input.
-        play: gap, share of the load, contact's natural frequency (Hz, of the reduced mass) and
-            damping ratio, 1 where the encoder is on the load.
+        play: gap (negative: none, and they never part), share of the load, contact's natural
+            frequency (Hz, of the reduced mass) and damping ratio, 1 where the encoder is on the
+            load.
         u: input inside each sampling period, shape (n - 1, 2 s + 1).
         dt: sampling period, s.
         x: position at the first sample; the load is in the middle of the play.

@@ -8,7 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.discrepancy.driven.models.backlash import BACKLASH, follow, run_with_backlash
+from impactscope.discrepancy.driven.models.backlash import (
+    BACKLASH,
+    COUPLED,
+    NONE,
+    follow,
+    run_with_backlash,
+)
 from impactscope.discrepancy.driven.models.measuring_chain import fading
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
@@ -43,7 +49,7 @@ class DrivenMassModel(OscillatorModel):
     def _run(
         self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment
     ) -> Array:
-        play = next((t for t in terms if t.label in BACKLASH), None)
+        play = next((t for t in terms if t.label in BACKLASH or t.name == COUPLED), None)
         if play is None:
             return super()._run(values, terms, start, segment)
         if play.variant == 'encoder':
@@ -53,8 +59,11 @@ class DrivenMassModel(OscillatorModel):
             return out
         x, v = start if start.size else segment.state
         plain = np.array([values['mass'], values['damping'], values.get('offset.value', 0.0)])
-        side = float(play.variant == 'load')
-        between = np.array([*(values[key(play, n)] for n in play.numbers), side])
+        numbers = [values[key(play, n)] for n in play.numbers]
+        if play.name == COUPLED:
+            between = np.array([NONE, *numbers, 1.0])
+        else:
+            between = np.array([*numbers, float(play.variant == 'load')])
         out = np.zeros((segment.measured.size, 4))
         run_with_backlash(plain, between, segment.drive, segment.period, x, v, out)
         return out

@@ -22,7 +22,7 @@ from impactscope.discrepancy.driven.data.recordings import Cut
 from impactscope.discrepancy.driven.fits.innovations import innovations
 from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit
 from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge
-from impactscope.discrepancy.driven.models.backlash import backlash_terms
+from impactscope.discrepancy.driven.models.backlash import COUPLED, backlash_terms
 from impactscope.discrepancy.driven.models.candidate_effects import FRICTION, candidate_effects
 from impactscope.discrepancy.driven.models.driven_mass_model import DrivenMassModel, name_of
 from impactscope.discrepancy.driven.models.measuring_chain import (
@@ -405,7 +405,13 @@ def _terms(
         # and what a coupling holds of the time before is where the recording begins
         found = [t for t in found if t.name != 'ac_coupling' or not t.own]
     if linear.drifts and all(s.derivative == 0 for s in segments):
-        able = {'mass', 'damping', 'offset', 'clearance'}  # what the two masses have beside it
+        able = {
+            'mass',
+            'damping',
+            'offset',
+            'clearance',
+            COUPLED,
+        }  # what the two masses have beside it
         others = frozenset(t.name for t in found if not t.output) - able
         found += backlash_terms(x, sizes.position_unit, first.rate, others)
     return tuple(found)
