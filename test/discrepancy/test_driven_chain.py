@@ -422,3 +422,33 @@ def test_slow_noise_of_the_output_is_no_noise_of_the_input():
     slow = np.where(np.arange(BANDS) < 0.6 * BANDS, 1.0, 0.0)
     into, out = 0.1, 0.9 + slow
     assert _own([moved + into], [moved + out], [into + out]) == pytest.approx(0.1)
+
+
+def test_a_late_clock_behind_a_multisine():
+    """Between its lines a band is quiet: by its median it would be noise that no clock moves."""
+    rng = np.random.default_rng(40)
+    rate, size, offset, drift = 2000.0, 16000, 1e-5, 8e-6
+    time = np.arange(size) / rate
+    entries, channels = [], {}
+    for i, top in enumerate((120.0, 200.0, 90.0)):
+        lines = rng.uniform(0.5, top, 40), rng.uniform(0.0, 2.0 * np.pi, 40)
+
+        def wave(t, lines=lines):
+            return sum(4.0 * np.sin(2.0 * np.pi * f * t + p) for f, p in zip(*lines, strict=True))
+
+        late = wave((time - offset) / (1.0 + drift))
+        pair = {'force.before': (wave(time), 0.03), 'force.after': (late, 1.0)}
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
+        channels[file] = {
+            c: ChannelSamples(c, 'N', rate, 0.0, values + noise * rng.standard_normal(size))
+            for c, (values, noise) in pair.items()
+        }
+    bench = {'kind': 'chain', 'input': 'force.before', 'output': 'force.after'}
+    whole = {'version': 1, 'bench': bench, 'baseline': [], 'recordings': entries}
+    answer = explain_driven(parse_campaign(whole, 'late').with_samples(channels.__getitem__))
+    assert answer.accepted == ('clock_error',)
+    assert not answer.unexplained
+    found = answer.ranking[0].parameters
+    assert abs(found['offset'].value - offset) < 4.0 * found['offset'].std < 5e-6
+    assert abs(found['drift'].value - drift) < 4.0 * found['drift'].std < 1e-6

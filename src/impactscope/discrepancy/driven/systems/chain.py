@@ -37,6 +37,7 @@ from impactscope.discrepancy.driven.noise.input_rounding import rounding_of
 from impactscope.discrepancy.driven.noise.noise_bands import BANDS, Bands, band_levels, quietest
 from impactscope.discrepancy.driven.systems.case import Case, Settled, throughout
 from impactscope.discrepancy.driven.systems.chain_noise import (
+    CLEAR_LINE,
     ChainNoise,
     both_noises,
     settled_ends,
@@ -242,6 +243,7 @@ def chain_case(
     outputs = [segments[i].measured for i in fitted]
     into, out = [band_levels([u]) for u in inputs], [band_levels([y]) for y in outputs]
     tops, floor = _floor(into)
+    tops = [max(top, _last_line(u, floor)) for top, u in zip(tops, inputs, strict=True)]
     top = max(tops)
     corner = 0.5 * rate * top / BANDS
     left = band_levels([made.residuals[i] for i in fitted])
@@ -421,6 +423,18 @@ def _top(levels: Array, floor: float) -> int:
     """Number of the bands up to the last with signal."""
     loud = np.flatnonzero(levels > (1.0 + SIGNAL) * floor)
     return int(loud[-1]) + 1 if loud.size else 1
+
+
+def _last_line(samples: Array, floor: float) -> int:
+    """Number of the bands up to the last with a line of a signal.
+
+    The few lines of a multisine are not seen in the median of a band.
+    """
+    window = np.hanning(samples.size)
+    power = np.abs(np.fft.rfft((samples - np.mean(samples)) * window)) ** 2 / np.sum(window**2)
+    clear = np.flatnonzero(power > CLEAR_LINE * floor)
+    edges = np.linspace(1, power.size, BANDS + 1).astype(int)
+    return int(np.searchsorted(edges, clear[-1], 'right')) if clear.size else 0
 
 
 def _passes(

@@ -26,7 +26,7 @@ from impactscope.discrepancy.driven.noise.coloured_noise import Colour
 from impactscope.discrepancy.driven.noise.input_rounding import Rounding, rounding_of
 from impactscope.discrepancy.driven.systems.case import Settled
 
-__all__ = ['ChainNoise', 'both_noises', 'settled_ends']
+__all__ = ['CLEAR_LINE', 'ChainNoise', 'both_noises', 'settled_ends']
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ FAINT = 1.6  # times the noise: where there is some signal
 MOST_INPUT = 0.9  # of the noise, that comes from the input at most
 WIDE = 41  # lines that tell whether there is signal
 NEIGHBOURS = 5  # lines of a spectrum, averaged
-LINE = 300.0  # times the noise: a line of a signal
+CLEAR_LINE = 300.0  # times the noise: a line of a signal
 TINY = 1e-12
 
 
@@ -107,7 +107,7 @@ class ChainNoise:
         near = np.convolve(power, np.full(NEIGHBOURS, 1.0 / NEIGHBOURS), 'same')
         wide = np.convolve(power, np.full(WIDE, 1.0 / WIDE), 'same')
         # chosen by many lines, or by far: else lines would be chosen for their own noise
-        clear = (wide > CLEAR * into) | (near > LINE * into)
+        clear = (wide > CLEAR * into) | (near > CLEAR_LINE * into)
         faint = (wide > FAINT * into) & ~clear
         doubt = np.where(faint, gain**2 * wide, 0.0)
         passed = np.where(clear, gain**2 * into, 0.0)
