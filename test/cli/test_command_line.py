@@ -281,7 +281,9 @@ def test_conceal_writes_a_campaign_and_says_what_is_wrong(capsys, tmp_path):
     assert code == 2
     assert 'zero_drift@CHANNEL' in err
     assert not (tmp_path / 'no').exists()
-    assert 'coulomb_friction' in run(capsys, 'conceal', '--list')[1]
+    listed = run(capsys, 'conceal', '--list')[1]
+    assert 'coulomb_friction' in listed
+    assert '…' not in listed  # no formula is cut off
 
 
 def test_conceal_hides_nothing_on_request(capsys, tmp_path):

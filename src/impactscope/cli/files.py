@@ -86,6 +86,8 @@ def conceal(
     if list_effects:
         table = Table('effect', 'parameters, unit (default)', 'what it is', 'law')
         table.columns[0].no_wrap = True
+        for column in table.columns[1:]:
+            column.overflow = 'fold'  # no formula is cut off
         for row in describe_effects():
             table.add_row(*map(escape, row))
         out.print(table)
