@@ -131,6 +131,7 @@ def test_findings_are_pruned_again_beside_numbers_that_turned_out_otherwise(
     outcome = Outcome(first, first, [finding, finding])
     pruned = []
     monkeypatch.setattr(searching, 'prune', lambda *_: pruned.append(1))
+    monkeypatch.setattr(searching, 'one_for_two', lambda _: False)
     monkeypatch.setattr(searching, 'fit', lambda *_, **__: first)
     monkeypatch.setattr(searching, 'settled', lambda f: f)
     monkeypatch.setattr(searching, 'other_modes', lambda *_: (better, []))
