@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ['BANDS', 'Bands', 'band_levels', 'quietest']
+__all__ = ['BANDS', 'Bands', 'band_levels', 'in_bands', 'quietest']
 
 Array = NDArray[np.float64]
 
@@ -50,12 +50,21 @@ def band_levels(samples: Sequence[Array]) -> Array:
     """
     found = []
     for x in samples:
-        window = np.hanning(x.size)
-        power = np.abs(np.fft.rfft((x - np.mean(x)) * window)) ** 2 / np.sum(window**2)
-        edges = np.linspace(1, power.size, BANDS + 1).astype(int)
+        power, edges = in_bands(x)
         pairs = itertools.pairwise(edges)
         found.append([np.median(power[a : max(b, a + 1)]) / np.log(2.0) for a, b in pairs])
     return np.asarray(np.mean(found, axis=0))
+
+
+def in_bands(samples: Array) -> tuple[Array, NDArray[np.int_]]:
+    """Spectrum as of white noise's variance, line by line, and the even bands' first lines.
+
+    Returns:
+        Shapes (n // 2 + 1,) and (BANDS + 1,).
+    """
+    window = np.hanning(samples.size)
+    power = np.abs(np.fft.rfft((samples - np.mean(samples)) * window)) ** 2 / np.sum(window**2)
+    return power, np.linspace(1, power.size, BANDS + 1).astype(int)
 
 
 def quietest(samples: Sequence[Array], count: int) -> float:

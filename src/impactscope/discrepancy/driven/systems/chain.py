@@ -34,7 +34,13 @@ from impactscope.discrepancy.driven.models.measuring_chain import (
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.terms import Number, Term
 from impactscope.discrepancy.driven.noise.input_rounding import rounding_of
-from impactscope.discrepancy.driven.noise.noise_bands import BANDS, Bands, band_levels, quietest
+from impactscope.discrepancy.driven.noise.noise_bands import (
+    BANDS,
+    Bands,
+    band_levels,
+    in_bands,
+    quietest,
+)
 from impactscope.discrepancy.driven.systems.case import Case, Settled, throughout
 from impactscope.discrepancy.driven.systems.chain_noise import (
     CLEAR_LINE,
@@ -430,10 +436,8 @@ def _last_line(samples: Array, floor: float) -> int:
 
     The few lines of a multisine are not seen in the median of a band.
     """
-    window = np.hanning(samples.size)
-    power = np.abs(np.fft.rfft((samples - np.mean(samples)) * window)) ** 2 / np.sum(window**2)
+    power, edges = in_bands(samples)
     clear = np.flatnonzero(power > CLEAR_LINE * floor)
-    edges = np.linspace(1, power.size, BANDS + 1).astype(int)
     return int(np.searchsorted(edges, clear[-1], 'right')) if clear.size else 0
 
 
