@@ -34,6 +34,10 @@ class Term:
         return f'{self.name}/{self.form}'
 
     @property
+    def told_name(self):
+        return self.name
+
+    @property
     def numbers(self):
         return (SimpleNamespace(name='cutoff'),)
 

@@ -19,7 +19,6 @@ from impactscope.discrepancy.driven.findings.ranking import (
 )
 from impactscope.discrepancy.driven.findings.subject import Subject
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
-from impactscope.discrepancy.driven.models.backlash import COUPLED
 from impactscope.discrepancy.driven.models.terms import Term
 from impactscope.discrepancy.driven.search.beam_search import Outcome
 from impactscope.discrepancy.evidence import BESIDE_UNKNOWN
@@ -97,7 +96,7 @@ def decide(s: Subject) -> Decision:
         left = f'More than noise is left, and not known what it is: {left}'
     elif not left and strange:
         left, unexplained = strange, True
-    kept = tuple(t for t in new if t.name not in {*doubted, COUPLED})
+    kept = tuple(t for t in new if t.listed and t.name not in doubted)
     return Decision(
         s,
         final,

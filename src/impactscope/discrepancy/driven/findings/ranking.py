@@ -103,7 +103,8 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
         rivals = tuple(dict.fromkeys((*rivals, *alike)))
         likely = share[term.name] + _in_other_words(term.name, words, fits, weight)
         found.append(_finding(s, term, s.outcome.best, likely, rivals))
-    others = sorted((n for n in share if n not in best and n != COUPLED), key=lambda n: -share[n])
+    listed = (n for n in share if n not in best and source[n][0].listed)
+    others = sorted(listed, key=lambda n: -share[n])
     for name in others[:8]:
         term, made, _ = source[name]
         found.append(_finding(s, term, made, min(share[name], REFUSED), ()))
@@ -174,15 +175,10 @@ def _confused(
             continue
         if extra <= 0 and p < s.judge.thresholds.confusable * top:
             continue
-        new = [_told_name(t) for t in made.terms if t.name not in best]
+        new = [t.told_name for t in made.terms if t.name not in best]
         if extra <= 0 or len(new) == 1:  # what a richer rival has beside is no stand-in
             found += new
     return tuple(dict.fromkeys(found))
-
-
-def _told_name(term: Term) -> str:
-    """Name of an effect in the vocabulary that others know."""
-    return 'unknown' if term.name == COUPLED else term.name
 
 
 def _other_delay(s: Subject, term: Term, fits: Sequence[Fit]) -> tuple[str, ...]:
@@ -310,7 +306,7 @@ def _finding(
         parameters['amplitude'], channel = hum, str(s.campaign.bench['input'])
         sentence = 'Mains hum stands in the recorded force; the axis has not felt it.'
     return Finding(
-        name=_told_name(term),
+        name=term.told_name,
         probability=min(probability, 1.0),
         subsystem=term.subsystem,
         parameters=parameters,

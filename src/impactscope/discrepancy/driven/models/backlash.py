@@ -85,6 +85,7 @@ def backlash_terms(
                 Number('damping_ratio', '1', (0.05,), 0.01, 0.0, 1.0),
             ),
             excludes=excludes | {'clearance', 'base_compliance'},
+            listed=False,
         )
     )
     found.append(

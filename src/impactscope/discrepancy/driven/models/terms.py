@@ -37,7 +37,8 @@ class Term:
     is; with a stroke before one, the less of it the larger that is. ``own``: numbers that
     the recordings have of their own, in all, which are found with every prediction. ``looks``:
     independent places in which it is looked for. ``rough``: single events make its slopes so rough
-    that a start is improved without them first.
+    that a start is improved without them first. ``listed``: whether others know its name; what
+    is not is told as unknown.
     """
 
     name: str
@@ -57,11 +58,17 @@ class Term:
     own: int = 0
     looks: float = 1.0
     rough: bool = False
+    listed: bool = True
 
     @property
     def label(self) -> str:
         """Name and variant, unique among the candidates of a search."""
         return f'{self.name}/{self.variant}' if self.variant else self.name
+
+    @property
+    def told_name(self) -> str:
+        """Name in the vocabulary that others know."""
+        return self.name if self.listed else 'unknown'
 
     def stands_with(self, other: Term) -> bool:
         """Whether both may be in one model."""
