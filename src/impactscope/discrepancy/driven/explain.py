@@ -44,6 +44,12 @@ from impactscope.discrepancy.driven.systems.linear_baseline import (
     with_right_signs,
     with_the_mass_alone,
 )
+from impactscope.discrepancy.driven.systems.local_elements import (
+    NO_SHAPES,
+    Structure,
+    linear_structure,
+    quiet_structure,
+)
 from impactscope.discrepancy.driven.systems.modal import Modes, further_modes
 from impactscope.discrepancy.driven.systems.modal_chain import chain_of_modes
 from impactscope.discrepancy.driven.systems.prescribed_motion import (
@@ -62,6 +68,8 @@ MOST_TO_THE_NOISE = 120_000  # samples of a sprung mass; more take minutes and h
 MANY = 3  # findings, of which some may stand for a beginning that was not free
 CLEARLY_MORE = 1.1  # times what another model leaves
 CHAIN_EFFORT = Effort(numbers=6, depth=4, tried=8, beam=3)
+LOCAL_EFFORT = Effort(numbers=6, depth=2, tried=8, beam=2)
+PROMISED = 0.5  # of the chi-square that a law needs, which it must promise where it sets out from
 
 
 def explain_driven(campaign: Campaign, progress: Progress | None = None) -> Answer:
@@ -130,7 +138,7 @@ def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress
         tell(0.1, 'trying further modes')
         modes = further_modes(parts, segments, baseline, stated_modes(campaign), judge)
         if modes is not None and modes.stated is not None:
-            return _of_modes(campaign, model, parts, segments, judge, modes, notes)
+            return _of_modes(campaign, model, parts, segments, judge, modes, notes, tell)
         if modes is not None and _power(modes.fit, segments) < MODAL * _power(baseline, segments):
             effort = GLANCE
     if answer is not None and sure:
@@ -296,19 +304,75 @@ def _of_modes(
     judge: Judge,
     modes: Modes,
     notes: Sequence[str],
+    tell: Progress,
 ) -> Answer:
     """The answer for a structure that is said to have several modes: what more it has."""
     stated = modes.stated
     assert stated is not None  # noqa: S101 - called only then
-    text = 'On a structure of several modes further ones are looked for, filters and clocks.'
-    notes = [*notes, text]
+    further = modes.fit is not stated
     chain = chain_of_modes(parts, segments, modes, judge)
+    others = [f for f in (chain[0] if chain else None, modes.fit if further else None) if f]
+    linear = linear_structure(parts, segments, modes)
+    if linear is not None:
+        begun = [linear]
+        if _coarse(linear.linear, segments):
+            begun.append(quiet_structure(parts, segments, linear.model.modes))
+        local = _local(begun, [stated, *others], segments, tell)
+        if local is not None:
+            structure, found = local
+            return describe(
+                Subject(
+                    campaign,
+                    structure.model,
+                    segments,
+                    structure.judge,
+                    found,
+                    None,
+                    tuple(notes),
+                )
+            )
+        notes = [*notes, 'Laws that are not linear were looked for at and between the outputs.']
+    else:
+        notes = [*notes, 'Nothing that is not linear was looked for: ' + NO_SHAPES]
     if chain is not None:
         outcome = Outcome(stated, *chain, believed=True)
         return describe(Subject(campaign, model, segments, judge, outcome, None, tuple(notes)))
     outcome = Outcome(stated, stated, (), believed=False)
-    more = modes if modes.fit is not stated else None
+    more = modes if further else None
     return describe(Subject(campaign, model, segments, judge, outcome, more, tuple(notes)))
+
+
+def _local(
+    begun: Sequence[Structure], others: Sequence[Fit], segments: Sequence[Segment], tell: Progress
+) -> tuple[Structure, Outcome] | None:
+    """What is not linear at places of a structure; None where other fits explain as much.
+
+    ``begun``: the structure as it is searched from. ``others``: first the stated modes.
+    """
+    stated = others[0]
+    found = []
+    for i, structure in enumerate(begun):
+        judge = structure.judge
+
+        def heard(share: float, done: int = i) -> None:
+            tell(0.4 + 0.55 * (done + share) / len(begun), 'searching for what is not linear')
+
+        effort = dataclasses.replace(LOCAL_EFFORT, least=PROMISED * judge.by_chance(1))
+        outcome = search(structure.model, structure.begun, segments, judge, heard, effort)
+        if outcome.believed and judge.better(structure.linear, outcome.best):
+            outcome = dataclasses.replace(outcome, baseline=structure.linear)
+            found.append((structure, outcome))
+    if not found:
+        return None
+    judge = found[0][0].judge
+    fits = [dataclasses.replace(o.best, added=o.best.added + stated.added) for _, o in found]
+    for made in (*fits, *others):
+        judge.weights(made)
+    criteria = [judge.criterion(made, stated) for made in fits]
+    best = int(np.argmin(criteria))
+    if any(judge.criterion(made, stated) <= criteria[best] for made in others):
+        return None
+    return found[best]
 
 
 def _modal(campaign: Campaign, parts: Sequence[Cut]) -> bool:

@@ -137,8 +137,11 @@ class Judge:
     def needed(self, gain: Gain) -> float:
         """Gain from which the larger model is believed."""
         k = max(gain.numbers, 0)
-        chance = least_gain(max(k, 1), self.looks, self.thresholds.false_finding)
-        return max(chance, k * math.log(max(gain.samples, math.e)))
+        return max(self.by_chance(max(k, 1)), k * math.log(max(gain.samples, math.e)))
+
+    def by_chance(self, numbers: int) -> float:
+        """Gain of so many numbers that nothing but chance hardly ever reaches."""
+        return least_gain(numbers, self.looks, self.thresholds.false_finding)
 
     def better(self, small: Fit, large: Fit) -> bool:
         """Whether the larger model is to be believed."""

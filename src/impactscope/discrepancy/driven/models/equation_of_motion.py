@@ -1,5 +1,7 @@
 """Equation of motion of one degree of freedom with every law at once; exact sticking; compiled.
 
+Last, that of a structure of several modes with such laws at places of it (:func:`run_modes`).
+
 Runge and Kutta's method of order 4 on sub-steps of the sampling period. Dry friction is
 set-valued: the moment at which sliding ends is located inside the sub-step, the mass then rests
 until the force on it exceeds what friction can hold, and that moment is located as well. Nothing
@@ -50,6 +52,7 @@ __all__ = [
     'lost_motion',
     'restoring',
     'run',
+    'run_modes',
     'run_on_base',
     'slider_force',
     'smooth_force',
@@ -60,6 +63,7 @@ Array = NDArray[np.float64]
 
 MOST_TURNS = 6  # turns and stops located in one sub-step
 FAR = 1e9  # a state beyond this has run away
+SWEEPS = 3  # in which the elements of a structure and its motion agree on a sub-step's end
 FREE = 2  # in the place of a direction of sliding: no dry friction at all
 
 
@@ -601,3 +605,154 @@ def smooth_force(p: Array, x: Array, v: Array, a: Array, out: Array) -> None:
                 h = yielded(h, moved, p[HYSTERESIS_CLOSING], p[HYSTERESIS_LEANING])
             force += p[HYSTERESIS_STIFFNESS] * h
         out[i] = force
+
+
+@law
+def _at_place(p: Array, z: float, v: float, h: float) -> float:
+    """Force of one element on its place, without dry friction; play takes a spring away."""
+    force = -restoring(p, z) - abs(v) * (p[SKEW_DAMPING] + p[QUADRATIC_DAMPING] * v)
+    if p[GAP] > 0.0:
+        force += p[STIFFNESS] * z
+    return float(force - p[HYSTERESIS_STIFFNESS] * h)
+
+
+@law
+def _along(row: Array, s: Array, first: int) -> float:
+    total = 0.0
+    for k in range(row.size):
+        total += row[k] * s[first + k]
+    return float(total)
+
+
+@law
+def _rubbed(
+    p: Array, before: float, loose: float, given: float, still: bool
+) -> tuple[float, bool]:
+    """Mean dry friction over a sub-step, and whether its place rests at its end.
+
+    A place that turns within the sub-step rubs one way before and the other after, or rests.
+
+    Args:
+        p: parameters of the element.
+        before: speed of its place at the beginning.
+        loose: the same at the end without friction.
+        given: speed that a force of one gives the place in a sub-step.
+        still: whether it rests at the beginning.
+    """
+    held = -loose / given
+    if still:
+        way = 1 if loose > 0.0 else -1
+        limit = p[STATIC_EXCESS] + (p[KINETIC_FORWARD] if way > 0 else p[KINETIC_BACKWARD])
+        if abs(held) <= limit:
+            return held, True
+        return _friction(p, loose, way), False
+    way = 1 if before > 0.0 else -1
+    sliding = _friction(p, before, way)
+    after = loose + given * sliding
+    if after * way >= 0.0:
+        return sliding, False
+    share = before / (before - after)  # of the sub-step, until it turns
+    turned = (1.0 - share) * (loose + given * _friction(p, 0.0, -way) - before)
+    if turned * way >= 0.0:
+        return held, True
+    return held + turned / given, False
+
+
+@compiled
+def run_modes(
+    a: Array,
+    b: Array,
+    c: Array,
+    places: Array,
+    p: Array,
+    u: Array,
+    parts: int,
+    out: Array,
+    pull: Array,
+) -> bool:
+    """Simulate a structure of k modes with elements at l places of it; False where it runs away.
+
+    Modes take exact steps under forces that are straight lines inside a step; what an element
+    does at its end is found together with the motion. Dry friction is what stops its place, or
+    as much of that as there is (Moreau, in Nonsmooth Mechanics and Applications, 1988).
+
+    Args:
+        a: modal positions, then speeds, after a step by those before it, shape (2k, 2k).
+        b: the same by the input at the beginning, middle and end of the step, (2k, 3).
+        c: the same by the force of each element at its beginning and its end, (l, 2k, 2).
+        places: displacement of each element by modal positions, (l, k).
+        p: parameters of each element, see :mod:`parameter_layout`, (l, SIZE).
+        u: input inside each sampling period, (n - 1, 2 s + 1).
+        parts: steps in each of the s parts of a sampling period.
+        out: modal positions and speeds at each sample, (n, 2k); filled.
+        pull: force of each element on its place at each sample, (n, l); filled.
+    """
+    a, b, c, places, p = borrowed(a), borrowed(b), borrowed(c), borrowed(places), borrowed(p)
+    u, out, pull = borrowed(u), borrowed(out), borrowed(pull)
+    n, size = out.shape
+    k = size // 2
+    elements = p.shape[0]
+    steps = (u.shape[1] - 1) // 2
+    s, free, after = np.zeros(size), np.zeros(size), np.zeros(size)
+    smooth, ends, rub = np.zeros(elements), np.zeros(elements), np.zeros(elements)
+    h, bent = np.zeros(elements), np.zeros(elements)
+    still, rests = np.ones(elements, np.bool_), np.ones(elements, np.bool_)
+    for i in range(n):
+        for j in range(size):
+            out[i, j] = s[j]
+        for e in range(elements):
+            pull[i, e] = smooth[e]
+            if still[e]:
+                pull[i, e] += rub[e]
+            else:  # not the mean of a step in which it may have turned
+                v = _along(places[e], s, k)
+                pull[i, e] += _friction(p[e], v, 1 if v > 0.0 else -1)
+        if i == n - 1:
+            break
+        for step in range(steps * parts):
+            at, first = 2 * (step // parts), (step % parts) / parts
+            w0, wm, w1 = u[i, at], u[i, at + 1], u[i, at + 2]
+            u0 = _between(w0, wm, w1, first)
+            um = _between(w0, wm, w1, first + 0.5 / parts)
+            u1 = _between(w0, wm, w1, first + 1.0 / parts)
+            for j in range(size):
+                total = b[j, 0] * u0 + b[j, 1] * um + b[j, 2] * u1
+                for m in range(size):
+                    total += a[j, m] * s[m]
+                for e in range(elements):
+                    total += c[e, j, 0] * smooth[e]
+                free[j] = total
+            ends[:] = smooth
+            for _ in range(SWEEPS):
+                for e in range(elements):
+                    for j in range(size):
+                        after[j] = free[j]
+                        for other in range(elements):
+                            after[j] += c[other, j, 1] * ends[other]
+                            after[j] += (c[other, j, 0] + c[other, j, 1]) * rub[other]
+                    z, v = _along(places[e], after, 0), _along(places[e], after, k)
+                    if p[e, HYSTERESIS_STIFFNESS] != 0.0:
+                        moved = z - _along(places[e], s, 0)
+                        bent[e] = yielded(
+                            h[e], moved, p[e, HYSTERESIS_CLOSING], p[e, HYSTERESIS_LEANING]
+                        )
+                    if p[e, KINETIC_FORWARD] + p[e, KINETIC_BACKWARD] + p[e, STATIC_EXCESS] > 0.0:
+                        given = 0.0  # speed of the place after the step by a force of one
+                        for m in range(k):
+                            given += places[e, m] * (c[e, k + m, 0] + c[e, k + m, 1])
+                        rub[e], rests[e] = _rubbed(
+                            p[e], _along(places[e], s, k), v - given * rub[e], given, still[e]
+                        )
+                    ends[e] = _at_place(p[e], z, v, bent[e])
+            for j in range(size):
+                s[j] = free[j]
+                for e in range(elements):
+                    s[j] += c[e, j, 1] * ends[e] + (c[e, j, 0] + c[e, j, 1]) * rub[e]
+            smooth[:] = ends
+            h[:] = bent
+            still[:] = rests
+        if not np.max(np.abs(s)) < FAR:
+            out[i + 1 :] = 0.0
+            pull[i + 1 :] = 0.0
+            return False
+    return True

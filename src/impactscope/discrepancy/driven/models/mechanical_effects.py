@@ -38,6 +38,7 @@ SLOTS: Mapping[str, tuple[int, ...]] = {
     'softening_spring.cubic': (at.CUBIC,),
     'asymmetric_spring.quadratic': (at.SQUARE,),
     'clearance.gap': (at.GAP,),
+    'clearance.stiffness': (at.STIFFNESS,),
     'end_stop.travel': (at.STOP_TRAVEL,),
     'end_stop.stiffness': (at.STOP_STIFFNESS,),
     'hysteresis.stiffness': (at.HYSTERESIS_STIFFNESS,),

@@ -72,6 +72,7 @@ class Effort:
     depth: int = 3  # terms that may be added
     tried: int = 5  # candidates that are fitted from each model
     beam: int = 2  # models that are kept at each step
+    least: float = 0.0  # chi-square of white noise that a candidate must promise for a fit
 
 
 USUAL = Effort()
@@ -156,13 +157,16 @@ def prospects(
     return sorted(found, key=lambda p: -p.share)
 
 
-def _worth_a_fit(ordered: Sequence[_Prospect], effort: Effort) -> list[_Prospect]:
+def _worth_a_fit(
+    ordered: Sequence[_Prospect], segments: Sequence[Segment], effort: Effort
+) -> list[_Prospect]:
     """The most promising candidates, and every law without numbers.
 
     A law that stands in the place of another, as the sine of a weight in that of a spring, changes
     everything at once: seen from the other law's best numbers it looks worse than it is.
     """
-    first = list(ordered[: effort.tried])
+    samples = sum(s.measured.size for s in segments if not s.held_out)
+    first = [p for p in ordered[: effort.tried] if p.share * samples >= effort.least]
     return [*first, *(p for p in ordered[effort.tried :] if not p.term.numbers)]
 
 
@@ -226,7 +230,8 @@ def search(
                 for t in model.terms
                 if len(t.numbers) <= room and all(t.stands_with(o) for o in base.terms)
             ]
-            for prospect in _worth_a_fit(prospects(model, base, candidates, segments), effort):
+            ordered = prospects(model, base, candidates, segments)
+            for prospect in _worth_a_fit(ordered, segments, effort):
                 grown.append(fits.make(base, (*base.terms, prospect.term), prospect.initial))
                 if progress is not None:
                     share = len(grown) / (effort.tried * len(beam) + 1)

@@ -152,7 +152,8 @@ def with_right_signs(campaign: Campaign) -> Campaign:
         turned = tuple(outputs) if against else ()
     elif campaign.kind is CampaignKind.DRIVEN:
         drive = campaign.input_channel
-        if not drive:
+        # of a structure one place may well move against another
+        if not drive or stated_modes(campaign) > 1:
             return campaign
         outputs = [str(name) for name in campaign.bench['outputs']]
         parts = cuts(campaign, outputs, drive, [])

@@ -24,13 +24,15 @@ from impactscope.discrepancy.driven.fits.weighted_residuals import channel_scale
 from impactscope.discrepancy.driven.model_selection.model_comparison import Judge
 from impactscope.discrepancy.driven.models.model import Segment
 
-__all__ = ['STEPS', 'ModalProblem', 'Modes', 'further_modes', 'minimum']
+__all__ = ['STEPS', 'ModalProblem', 'Modes', 'further_modes', 'minimum', 'poles_apart']
 
 Array = NDArray[np.float64]
 
 MOST_MODES = 10
 RIDGE = 1e-10
 NARROWEST, WIDEST = 1e-4, 0.9  # damping ratios
+SAME = 0.003  # relative difference of two frequencies that are one
+APART = 0.25  # the same, of two modes that a single bent resonance is not taken for
 STEPS = (1e-5, 1e-3)  # of the logarithms of a frequency and of a damping ratio, for slopes
 
 
@@ -147,11 +149,16 @@ class ModalProblem:
         ]
         return np.concatenate(parts)
 
-    def refine(self, poles: Array, evaluations: int) -> tuple[Array, Array]:
-        """Refined poles and the projected Jacobian."""
+    def refine(
+        self, poles: Array, evaluations: int, near: float = math.inf
+    ) -> tuple[Array, Array]:
+        """Refined poles and the projected Jacobian; frequencies stay near, by their logarithm."""
         modes = poles.size // 2
         steps = np.tile(STEPS, modes)
-        return minimum(self.residual, poles, steps, self.bounds(modes), evaluations, 1e-4)
+        low, high = self.bounds(modes)
+        low[::2] = np.maximum(low[::2], poles[::2] - near)
+        high[::2] = np.minimum(high[::2], poles[::2] + near)
+        return minimum(self.residual, poles, steps, (low, high), evaluations, 1e-4)
 
     def bounds(self, modes: int) -> tuple[Array, Array]:
         """Bounds of the poles of so many modes, shapes (2 modes,)."""
@@ -163,8 +170,13 @@ class ModalProblem:
     def _longest(self) -> float:
         return max(s.measured.size * s.period for s in self.segments)
 
-    def peak(self, residuals: Sequence[Array], known: Array) -> tuple[float, float]:
-        """Where the residual answers the input most: logarithms of pole frequency and ratio."""
+    def peak(
+        self, residuals: Sequence[Array], known: Array, same: float = SAME
+    ) -> tuple[float, float]:
+        """Where the residual answers the input most: logarithms of pole frequency and ratio.
+
+        ``same``: relative difference from the frequencies of known poles that is left out.
+        """
         length = max(self.segments[i].measured.size for i in self.fitted)
         lines = length // 2 + 1
         cross, power = np.zeros(lines, np.complex128), np.zeros(lines)
@@ -182,7 +194,7 @@ class ModalProblem:
         width = max(3, length // 4000)
         smooth = np.convolve(explained, np.ones(width) / width, mode='same')
         for omega, _ in np.exp(known.reshape(-1, 2)):
-            smooth[np.abs(frequency * 2.0 * math.pi - omega) < 0.003 * omega] = 0.0
+            smooth[np.abs(frequency * 2.0 * math.pi - omega) < same * omega] = 0.0
         best = int(np.argmax(smooth))
         return math.log(2.0 * math.pi * max(frequency[best], frequency[1])), math.log(0.01)
 
@@ -203,6 +215,21 @@ class ModalProblem:
         values = {f'mode_{k + 1}.frequency': v for k, v in enumerate(np.exp(poles[::2]))}
         made = Fit((), values, {}, (), residuals, max(added, 1), f'{modes} modes')
         return made, std
+
+
+def poles_apart(parts: Sequence[Cut], segments: Sequence[Segment], modes: int) -> Array:
+    """Poles of so many modes, none near another, see :class:`ModalProblem`.
+
+    A resonance that something bends is fitted best by two modes side by side.
+    """
+    problem = ModalProblem(parts, segments)
+    poles = np.zeros(0)
+    left = [s.measured for s in segments]
+    for _ in range(modes):
+        poles = np.concatenate([poles, problem.peak(left, poles, APART)])
+        poles, jacobian = problem.refine(poles, 12, 0.5 * APART)
+        left = list(problem.fit(poles, jacobian, modes)[0].residuals)
+    return poles
 
 
 def further_modes(
