@@ -23,7 +23,6 @@ def parameters(**values: float) -> np.ndarray:
     p = np.zeros(at.SIZE)
     p[at.MASS] = 1.0
     p[at.STRIBECK_SPEED] = 1.0
-    p[at.HYSTERESIS_EXPONENT] = 1.0
     for name, value in values.items():
         p[getattr(at, name)] = value
     return p
@@ -99,6 +98,23 @@ def test_hardening_spring_keeps_its_energy():
     x, v = out[:, 0], out[:, 1]
     energy = 0.5 * v**2 + 500.0 * x**2 + 0.25e7 * x**4
     np.testing.assert_allclose(energy, energy[0], rtol=2e-4)
+
+
+@pytest.mark.parametrize(('closing', 'leaning'), [(2500.0, 0.0), (1250.0, 1250.0)])
+def test_a_yielding_spring_is_followed_where_it_yields_within_a_step(closing, leaning):
+    """A step of motion is a few times as long as the way in which the spring yields."""
+    omega = 2 * math.pi * 25.0
+    p = parameters(
+        STIFFNESS=omega**2,
+        DAMPING=6.0,
+        HYSTERESIS_STIFFNESS=0.05 * omega**2,
+        HYSTERESIS_CLOSING=closing,
+        HYSTERESIS_LEANING=leaning,
+    )
+    force = 100.0 * np.sin(2 * math.pi * 24.0 * PERIOD * np.arange(1000))
+    coarse, fine = (simulate(p, force, steps=n, held=False)[:, 0] for n in (1, 64))
+    assert np.max(np.abs(np.diff(fine))) > 2.0 / (closing + leaning)
+    assert np.max(np.abs(coarse - fine)) < 1e-3 * np.max(np.abs(fine))
 
 
 def test_a_runaway_is_told():

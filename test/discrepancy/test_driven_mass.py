@@ -113,6 +113,42 @@ def test_a_weak_cube_that_no_share_of_the_residual_shows():
     assert abs(found.value - cubic) < 4.0 * found.std
 
 
+def test_a_yielding_spring_that_yields_early_is_told_in_the_words_of_the_vocabulary():
+    share, slip = 0.02, 4e-4
+    rng, recordings = np.random.default_rng(5), []
+    band = slice(int(6.0 * SAMPLES / RATE), int(30.0 * SAMPLES / RATE))
+    for size in (20.0, 60.0, 110.0, 80.0):
+        spectrum = np.zeros(SAMPLES * FINE // 2 + 1, complex)
+        spectrum[band] = np.exp(2j * np.pi * rng.random(spectrum[band].size))
+        force = np.fft.irfft(spectrum, SAMPLES * FINE)
+        force *= size / np.std(force) * np.clip(np.arange(force.size) / (0.05 * force.size), 0, 1)
+        x = v = h = 0.0
+        found, step = [], 1.0 / (RATE * FINE)
+        for k, f in enumerate(force):
+            if k % FINE == 0:
+                found.append(x)
+            pull = f - DAMPING * v - STIFFNESS * ((1.0 - share) * x + share * h)
+            v += step * pull / MASS
+            x += step * v
+            if v * h < 0.0:
+                h += step * v
+            else:  # exactly along the way
+                h = np.sign(v) * (slip - (slip - abs(h)) * np.exp(-abs(step * v) / slip))
+        recordings.append(
+            {
+                'force.shaker': ('N', force[::FINE]),
+                'displacement.plate': ('m', found + NOISE * rng.standard_normal(SAMPLES)),
+            }
+        )
+    answer = explain_driven(campaign(recordings))
+    assert answer.accepted == ('hysteresis',)
+    told = answer.ranking[0].parameters
+    assert told['share'].value == pytest.approx(share, abs=4.0 * told['share'].std)
+    assert told['yield_displacement'].value == pytest.approx(
+        slip, abs=4.0 * told['yield_displacement'].std
+    )
+
+
 def test_samples_that_stand_out():
     def spiked(y, rng):
         y[rng.integers(100, y.size - 100, 3)] += 200.0 * NOISE

@@ -96,7 +96,7 @@ def rubbed(row, force):
 LINEAR = smooth([1.0, 0.0], lambda _z, _v: 0.0)
 
 
-def campaign(seed, moved, outputs):
+def campaign(seed, moved, outputs, input_noise=0.0):
     """``outputs``: columns of positions, speeds and accelerations of both masses, by channel."""
     rng = np.random.default_rng(seed)
     unit = ('m', 'm', 'm/s', 'm/s', 'm/s^2', 'm/s^2')
@@ -108,7 +108,8 @@ def campaign(seed, moved, outputs):
     noise = {n: 0.01 * max(np.std(made[:, c]) for _, made in runs) for n, c in outputs.items()}
     channels = {}
     for file, (force, made) in zip(files, runs, strict=True):
-        channels[file] = {INPUT: ChannelSamples(INPUT, 'N', RATE, 0.0, force)}
+        recorded = force + input_noise * rng.standard_normal(SAMPLES)
+        channels[file] = {INPUT: ChannelSamples(INPUT, 'N', RATE, 0.0, recorded)}
         for name, column in outputs.items():
             values = made[:, column] + noise[name] * rng.standard_normal(SAMPLES)
             channels[file][name] = ChannelSamples(name, unit[column], RATE, 0.0, values)
@@ -135,6 +136,12 @@ def test_nothing_is_found_on_a_structure_that_is_linear(outputs):
     answer = explain_driven(campaign(1, LINEAR, outputs))
     assert answer.accepted == ()
     assert any('not linear' in note for note in answer.notes)
+
+
+@pytest.mark.parametrize('seed', [2, 3, 4])
+def test_noise_of_the_input_moves_a_structure_and_is_nothing_missing(seed):
+    answer = explain_driven(campaign(seed, LINEAR, {'displacement.root': 0}, input_noise=0.3))
+    assert answer.accepted == ()
 
 
 def test_a_spring_that_hardens_between_two_masses_is_told_with_its_place():

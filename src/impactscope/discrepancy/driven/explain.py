@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,8 @@ from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.model_selection.model_comparison import Judge, noise_share
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
+from impactscope.discrepancy.driven.models.structure_model import StructureModel
+from impactscope.discrepancy.driven.models.terms import Term
 from impactscope.discrepancy.driven.noise_limited import (
     Progress,
     chain_answer,
@@ -32,11 +35,17 @@ from impactscope.discrepancy.driven.noise_limited import (
     motion_answer,
     plate_answer,
 )
-from impactscope.discrepancy.driven.search.beam_search import Effort, Outcome, search
+from impactscope.discrepancy.driven.search.beam_search import (
+    Effort,
+    Outcome,
+    prospects,
+    search,
+)
 from impactscope.discrepancy.driven.systems.chain import ChainModel
 from impactscope.discrepancy.driven.systems.free_decay_start import forced_beginning
 from impactscope.discrepancy.driven.systems.linear_baseline import (
     Start,
+    held_between_samples,
     linear_start,
     stated_modes,
     with_known,
@@ -309,22 +318,29 @@ def _of_modes(
     """The answer for a structure that is said to have several modes: what more it has."""
     stated = modes.stated
     assert stated is not None  # noqa: S101 - called only then
+    bent = _coarse(stated, segments)
+    exact = held_between_samples(campaign)
+    linear = linear_structure(parts, segments, modes, exact=exact, bent=bent)
+    if linear is not None:
+        segments, judge = list(linear.segments), linear.judge
+        if not judge.better(stated, modes.fit):
+            modes = dataclasses.replace(modes, fit=stated)  # the input's noise had looked like one
     further = modes.fit is not stated
     chain = chain_of_modes(parts, segments, modes, judge)
     others = [f for f in (chain[0] if chain else None, modes.fit if further else None) if f]
-    linear = linear_structure(parts, segments, modes)
     if linear is not None:
+        tell(0.4, 'searching for what is not linear at one place')
         begun = [linear]
-        if _coarse(linear.linear, segments):
+        if bent:
             begun.append(quiet_structure(parts, segments, linear.model.modes))
-        local = _local(begun, [stated, *others], segments, tell)
+        local = _local(begun, [stated, *others], tell)
         if local is not None:
             structure, found = local
             return describe(
                 Subject(
                     campaign,
                     structure.model,
-                    segments,
+                    structure.segments,
                     structure.judge,
                     found,
                     None,
@@ -343,7 +359,7 @@ def _of_modes(
 
 
 def _local(
-    begun: Sequence[Structure], others: Sequence[Fit], segments: Sequence[Segment], tell: Progress
+    begun: Sequence[Structure], others: Sequence[Fit], tell: Progress
 ) -> tuple[Structure, Outcome] | None:
     """What is not linear at places of a structure; None where other fits explain as much.
 
@@ -358,7 +374,8 @@ def _local(
             tell(0.4 + 0.55 * (done + share) / len(begun), 'searching for what is not linear')
 
         effort = dataclasses.replace(LOCAL_EFFORT, least=PROMISED * judge.by_chance(1))
-        outcome = search(structure.model, structure.begun, segments, judge, heard, effort)
+        model = _with_likely_places(structure)
+        outcome = search(model, structure.begun, structure.segments, judge, heard, effort)
         if outcome.believed and judge.better(structure.linear, outcome.best):
             outcome = dataclasses.replace(outcome, baseline=structure.linear)
             found.append((structure, outcome))
@@ -373,6 +390,19 @@ def _local(
     if any(judge.criterion(made, stated) <= criteria[best] for made in others):
         return None
     return found[best]
+
+
+def _with_likely_places(structure: Structure) -> StructureModel:
+    """The structure's model with each law where no output is in its likeliest place alone.
+
+    Places to set out from lead to one and the same.
+    """
+    model = structure.model
+    found: dict[Any, Term] = {}
+    for prospect in prospects(model, structure.begun, model.terms, structure.segments):
+        term = prospect.term
+        found.setdefault((term.name, model.places[term.variant], term.fixed is None), term)
+    return dataclasses.replace(model, terms=tuple(found.values()), _last={})
 
 
 def _modal(campaign: Campaign, parts: Sequence[Cut]) -> bool:

@@ -85,8 +85,8 @@ def left_over(s: Subject, base: Fit, final: Fit) -> tuple[bool, str]:
         return s.verdict.left, unknown_finding(s.verdict).sentence if s.verdict.left else ''
     worst: tuple[float, bool, str] = (0.0, False, '')
     for i, segment in enumerate(s.segments):
-        residual = final.residuals[i]
-        left, size, before = _rms(residual), _rms(segment.measured), _rms(base.residuals[i])
+        residual, baseline = (_as_white(segment, f.residuals[i]) for f in (final, base))
+        left, size, before = _rms(residual), _rms(segment.measured), _rms(baseline)
         noise = _floor(segment, residual)
         ratio = left / noise if noise > 0.0 else math.inf
         if left <= 1e-7 * size or ratio**2 <= s.judge.thresholds.unexplained_ratio:
@@ -106,6 +106,13 @@ def left_over(s: Subject, base: Fit, final: Fit) -> tuple[bool, str]:
         if (asks, left / size) > (worst[1], worst[0]):
             worst = left / size, asks, text
     return worst[1], worst[2]
+
+
+def _as_white(segment: Segment, residual: Array) -> Array:
+    """A residual whose noise would be white, in the channel's unit."""
+    if segment.whitener is None:
+        return residual
+    return segment.noise * segment.whitened(residual)
 
 
 def _loudest(segment: Segment, residual: Array) -> tuple[float, float]:

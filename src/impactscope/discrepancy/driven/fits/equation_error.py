@@ -86,7 +86,6 @@ def _column(slots: Sequence[int], motion: Array, sine: bool, rest: float) -> Arr
     """Force against the input that one unit of a number brings."""
     x, v, a = motion
     p = np.zeros(at.SIZE)
-    p[at.HYSTERESIS_EXPONENT] = 1.0
     p[at.SINE], p[at.SINE_ZERO] = float(sine), rest
     force = np.zeros(x.size)
     for slot in slots:

@@ -24,6 +24,7 @@ from impactscope.discrepancy.driven.fits.weighted_residuals import (
     WeightedResiduals,
     channel_scales,
     counted,
+    in_units,
     numbers_of,
 )
 from impactscope.discrepancy.driven.models.model import Model, Segment
@@ -273,7 +274,7 @@ def sensitivities(model: Model, base: Fit, segments: Sequence[Segment]) -> tuple
     shared = numbers_of(model, base.terms)
     scales = channel_scales(segments)
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
-    residual = np.concatenate([base.residuals[i] / scales[segments[i].channel] for i in fitted])
+    residual = np.concatenate([in_units(base.residuals[i], segments[i], scales) for i in fitted])
     columns = []
     for k, n in shared:
         step = STEP * n.scale
@@ -281,7 +282,7 @@ def sensitivities(model: Model, base: Fit, segments: Sequence[Segment]) -> tuple
         parts = [_moved(model, base, moved, i, segments[i]) for i in fitted]
         columns.append(
             np.concatenate(
-                [p / scales[segments[i].channel] for p, i in zip(parts, fitted, strict=True)]
+                [in_units(p, segments[i], scales) for p, i in zip(parts, fitted, strict=True)]
             )
             / STEP
         )
@@ -295,7 +296,7 @@ def sensitivities(model: Model, base: Fit, segments: Sequence[Segment]) -> tuple
             change = predicted - (segments[i].measured - base.residuals[i])
             column = np.zeros(residual.size)
             column[ends[which] - sizes[which] : ends[which]] = (
-                change / scales[segments[i].channel] / STEP
+                in_units(change, segments[i], scales) / STEP
             )
             columns.append(column)
     return residual, np.stack(columns, axis=1) if columns else np.zeros((residual.size, 0))

@@ -25,7 +25,7 @@ from impactscope.discrepancy.driven.fits.recordings_in_parallel import by_record
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
 
-__all__ = ['STEP', 'WeightedResiduals', 'channel_scales', 'counted', 'numbers_of']
+__all__ = ['STEP', 'WeightedResiduals', 'channel_scales', 'counted', 'in_units', 'numbers_of']
 
 Array = NDArray[np.float64]
 
@@ -65,6 +65,13 @@ def counted(model: Model, residual: Array, segment: Segment) -> Array:
         return residual
     keep = math.exp(-1.0 / (MEMORY * residual.size))
     return np.asarray(signal.lfilter([1.0, -1.0], [1.0, -keep], residual), np.float64)
+
+
+def in_units(residual: Array, segment: Segment, scales: Mapping[str, float]) -> Array:
+    """A residual in units of its noise where that is known, else of its channel's spread."""
+    if segment.whitener is not None:
+        return segment.whitened(residual)
+    return np.asarray(residual / scales[segment.channel], np.float64)
 
 
 def _bounded(value: float, number: Number) -> float:

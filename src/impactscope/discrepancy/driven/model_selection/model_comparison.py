@@ -63,6 +63,11 @@ def noise_share(residual: Array, noise: float) -> float:
     return min(noise**2 / power, 1.0) if math.isfinite(noise) else 0.0
 
 
+def _as_seen(segment: Segment, residual: Array) -> tuple[Array, float]:
+    """A residual, whitened where its noise is known, and the noise in it; NaN: not known."""
+    return segment.whitened(residual), segment.noise if segment.whitener is None else 1.0
+
+
 @dataclass(frozen=True, slots=True)
 class Gain:
     """What a model gains over another: falls of chi-square-like evidence."""
@@ -98,8 +103,9 @@ class Judge:
         if id(fit) not in self._weights:
             found = []
             for segment, residual in zip(self.segments, fit.residuals, strict=True):
-                white = noise_share(residual, segment.noise)
-                count = counting_samples(residual)
+                left, noise = _as_seen(segment, residual)
+                white = noise_share(left, noise)
+                count = counting_samples(left)
                 if white < 1.0:
                     count = min(count, WORTH / (1.0 - white))
                 found.append(count)
@@ -120,9 +126,10 @@ class Judge:
         worse = False
         for i, segment in enumerate(self.segments):
             size = float(np.sqrt(np.mean(segment.measured**2)))
+            size = size if segment.whitener is None else size / segment.noise
             least = (FINEST * size) ** 2 + 1e-300
-            before = float(np.mean(small.residuals[i] ** 2)) + least
-            after = float(np.mean(large.residuals[i] ** 2)) + least
+            before = float(np.mean(_as_seen(segment, small.residuals[i])[0] ** 2)) + least
+            after = float(np.mean(_as_seen(segment, large.residuals[i])[0] ** 2)) + least
             weight = weights[i]
             value = weight * math.log(before / after)
             if segment.held_out:

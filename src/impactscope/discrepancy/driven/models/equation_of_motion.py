@@ -25,7 +25,6 @@ from impactscope.discrepancy.driven.models.parameter_layout import (
     DAMPING,
     GAP,
     HYSTERESIS_CLOSING,
-    HYSTERESIS_EXPONENT,
     HYSTERESIS_LEANING,
     HYSTERESIS_STIFFNESS,
     INPUT_OFFSET,
@@ -56,7 +55,6 @@ __all__ = [
     'run_on_base',
     'slider_force',
     'smooth_force',
-    'yielding_rate',
 ]
 
 Array = NDArray[np.float64]
@@ -93,16 +91,6 @@ def restoring(p: Array, x: float) -> float:
 
 
 @law
-def yielding_rate(p: Array, v: float, h: float) -> float:
-    """Rate of the hysteretic element's elongation (Bouc and Wen)."""
-    size = abs(h)
-    bent = p[HYSTERESIS_CLOSING] * abs(v) * h + p[HYSTERESIS_LEANING] * v * size
-    if p[HYSTERESIS_EXPONENT] != 1.0 and size > 0.0:
-        bent *= size ** (p[HYSTERESIS_EXPONENT] - 1.0)
-    return float(v - bent)
-
-
-@law
 def _load(p: Array, u: float, x: float, v: float, h: float) -> float:
     """Force on the mass without dry friction."""
     force = u + p[INPUT_OFFSET] - p[DAMPING] * v - restoring(p, x)
@@ -127,31 +115,65 @@ def _rate(p: Array, u: float, x: float, v: float, h: float, way: int) -> float:
     return float(force / p[MASS])
 
 
+@law
+def _towards(h: float, way: float, travel: float, rate: float) -> float:
+    """Elongation after a travel without change of sign: dh/du = way - rate h, exactly."""
+    if abs(rate * travel) < 1e-9:
+        return h + (way - rate * h) * travel
+    final = way / rate
+    return final + (h - final) * math.exp(-max(min(rate * travel, 700.0), -50.0))
+
+
+@law
+def yielded(h: float, moved: float, closing: float, leaning: float) -> float:
+    """Elongation of Bouc's element (n = 1) after a displacement ``moved``, exactly.
+
+    It depends on the path alone: dh/du = s - (closing + leaning s sign h) h along the travel u
+    in direction s. An explicit step in time would blow up where the element yields within it.
+    """
+    way = 1.0 if moved > 0.0 else -1.0
+    travel = abs(moved)
+    if h * way < 0.0:
+        rate = closing - leaning
+        left = 1.0 + rate * abs(h)
+        if left <= 0.0:
+            return _towards(h, way, travel, rate)
+        to_zero = abs(h) if abs(rate * h) < 1e-9 else math.log(left) / rate
+        if travel <= to_zero:
+            return _towards(h, way, travel, rate)
+        h, travel = 0.0, travel - to_zero
+    return _towards(h, way, travel, closing + leaning)
+
+
+@law
+def _elongation(p: Array, h: float, moved: float) -> float:
+    """Elongation of the hysteretic element after a displacement: its path alone decides.
+
+    Followed as a rate in time it would be lost where it yields within a small part of a step.
+    """
+    if p[HYSTERESIS_STIFFNESS] == 0.0:
+        return h
+    return yielded(h, moved, p[HYSTERESIS_CLOSING], p[HYSTERESIS_LEANING])
+
+
 @compiled
 def _step(
     p: Array, u0: float, um: float, u1: float, x: float, v: float, h: float, way: int, dt: float
 ) -> tuple[float, float, float]:
     """One step of order 4 while the direction of sliding stays."""
     p = borrowed(p)
-    yields = p[HYSTERESIS_STIFFNESS] != 0.0
     a1 = _rate(p, u0, x, v, h, way)
-    g1 = yielding_rate(p, v, h) if yields else 0.0
-    v2 = v + 0.5 * dt * a1
-    h2 = h + 0.5 * dt * g1
-    a2 = _rate(p, um, x + 0.5 * dt * v, v2, h2, way)
-    g2 = yielding_rate(p, v2, h2) if yields else 0.0
-    v3 = v + 0.5 * dt * a2
-    h3 = h + 0.5 * dt * g2
-    a3 = _rate(p, um, x + 0.5 * dt * v2, v3, h3, way)
-    g3 = yielding_rate(p, v3, h3) if yields else 0.0
-    v4 = v + dt * a3
-    h4 = h + dt * g3
-    a4 = _rate(p, u1, x + dt * v3, v4, h4, way)
-    g4 = yielding_rate(p, v4, h4) if yields else 0.0
+    x2, v2 = x + 0.5 * dt * v, v + 0.5 * dt * a1
+    a2 = _rate(p, um, x2, v2, _elongation(p, h, x2 - x), way)
+    x3, v3 = x + 0.5 * dt * v2, v + 0.5 * dt * a2
+    a3 = _rate(p, um, x3, v3, _elongation(p, h, x3 - x), way)
+    x4, v4 = x + dt * v3, v + dt * a3
+    a4 = _rate(p, u1, x4, v4, _elongation(p, h, x4 - x), way)
+    moved = dt * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0
     return (
-        x + dt * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0,
+        x + moved,
         v + dt * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
-        h + dt * (g1 + 2.0 * g2 + 2.0 * g3 + g4) / 6.0,
+        _elongation(p, h, moved),
     )
 
 
@@ -164,8 +186,8 @@ def _base_rate(p: Array, pull: float, xb: float, vb: float) -> float:
 @compiled
 def _soft_rates(
     p: Array, u: float, x: float, v: float, h: float, xb: float, vb: float, way: int
-) -> tuple[float, float, float]:
-    """Rates of the relative speed, the base's speed and the yielding element.
+) -> tuple[float, float]:
+    """Rates of the relative speed and the base's speed.
 
     ``way``: in which the mass slides on its base (+1, -1), 0 where friction holds it there, FREE
     without dry friction.
@@ -177,16 +199,15 @@ def _soft_rates(
     base = _base_rate(p, pull, xb, vb)
     apart = force / p[MASS] - base
     if way == 0:  # what friction must hold so that both move as one
-        return 0.0, base + apart / (1.0 + p[BASE_MASS] / p[MASS]), 0.0
-    yields = yielding_rate(p, v, h) if p[HYSTERESIS_STIFFNESS] != 0.0 else 0.0
-    return apart, base, yields
+        return 0.0, base + apart / (1.0 + p[BASE_MASS] / p[MASS])
+    return apart, base
 
 
 @law
 def _soft_load(p: Array, u: float, state: tuple[float, float, float, float, float]) -> float:
     """Force that dry friction must hold so that a mass rests on its base."""
     x, _, h, xb, vb = state
-    apart, _, _ = _soft_rates(p, u, x, 0.0, h, xb, vb, FREE)
+    apart, _ = _soft_rates(p, u, x, 0.0, h, xb, vb, FREE)
     return float(apart / (1.0 / p[MASS] + 1.0 / p[BASE_MASS]))
 
 
@@ -201,18 +222,19 @@ def _soft_step(
     """One step of order 4 on a base that gives way, while the direction of sliding stays."""
     p = borrowed(p)
     x, v, h, xb, vb = state
-    a1, b1, g1 = _soft_rates(p, u[0], x, v, h, xb, vb, way)
+    a1, b1 = _soft_rates(p, u[0], x, v, h, xb, vb, way)
     s = 0.5 * dt
-    v2, w2 = v + s * a1, vb + s * b1
-    a2, b2, g2 = _soft_rates(p, u[1], x + s * v, v2, h + s * g1, xb + s * vb, w2, way)
-    v3, w3 = v + s * a2, vb + s * b2
-    a3, b3, g3 = _soft_rates(p, u[1], x + s * v2, v3, h + s * g2, xb + s * w2, w3, way)
-    v4, w4 = v + dt * a3, vb + dt * b3
-    a4, b4, g4 = _soft_rates(p, u[2], x + dt * v3, v4, h + dt * g3, xb + dt * w3, w4, way)
+    x2, v2, w2 = x + s * v, v + s * a1, vb + s * b1
+    a2, b2 = _soft_rates(p, u[1], x2, v2, _elongation(p, h, x2 - x), xb + s * vb, w2, way)
+    x3, v3, w3 = x + s * v2, v + s * a2, vb + s * b2
+    a3, b3 = _soft_rates(p, u[1], x3, v3, _elongation(p, h, x3 - x), xb + s * w2, w3, way)
+    x4, v4, w4 = x + dt * v3, v + dt * a3, vb + dt * b3
+    a4, b4 = _soft_rates(p, u[2], x4, v4, _elongation(p, h, x4 - x), xb + dt * w3, w4, way)
+    moved = dt * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0
     return (
-        x + dt * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0,
+        x + moved,
         v + dt * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
-        h + dt * (g1 + 2.0 * g2 + 2.0 * g3 + g4) / 6.0,
+        _elongation(p, h, moved),
         xb + dt * (vb + 2.0 * w2 + 2.0 * w3 + w4) / 6.0,
         vb + dt * (b1 + 2.0 * b2 + 2.0 * b3 + b4) / 6.0,
     )
@@ -439,9 +461,7 @@ def run_on_base(p: Array, u: Array, dt: float, x: float, v: float, out: Array) -
         now = way
         if way == 0:
             now = _held(p, _soft_load(p, first, state))
-        apart, base, _ = _soft_rates(
-            p, first, state[0], state[1], state[2], state[3], state[4], now
-        )
+        apart, base = _soft_rates(p, first, state[0], state[1], state[2], state[3], state[4], now)
         out[i, 2] = apart + base
         if i == n - 1:
             break
@@ -559,36 +579,6 @@ def slider_force(
             place += stretch + backward / stiffness
             force = -backward
         out[i] += force
-
-
-@law
-def _towards(h: float, way: float, travel: float, rate: float) -> float:
-    """Elongation after a travel without change of sign: dh/du = way - rate h, exactly."""
-    if abs(rate * travel) < 1e-9:
-        return h + (way - rate * h) * travel
-    final = way / rate
-    return final + (h - final) * math.exp(-max(min(rate * travel, 700.0), -50.0))
-
-
-@law
-def yielded(h: float, moved: float, closing: float, leaning: float) -> float:
-    """Elongation of Bouc's element (n = 1) after a displacement ``moved``, exactly.
-
-    It depends on the path alone: dh/du = s - (closing + leaning s sign h) h along the travel u
-    in direction s. An explicit step in time would blow up where the element yields within it.
-    """
-    way = 1.0 if moved > 0.0 else -1.0
-    travel = abs(moved)
-    if h * way < 0.0:
-        rate = closing - leaning
-        left = 1.0 + rate * abs(h)
-        if left <= 0.0:
-            return _towards(h, way, travel, rate)
-        to_zero = abs(h) if abs(rate * h) < 1e-9 else math.log(left) / rate
-        if travel <= to_zero:
-            return _towards(h, way, travel, rate)
-        h, travel = 0.0, travel - to_zero
-    return _towards(h, way, travel, closing + leaning)
 
 
 @compiled

@@ -86,7 +86,6 @@ class OscillatorModel:
     def vector(self, values: Mapping[str, float], terms: tuple[Term, ...]) -> Array:
         """Parameters of the compiled oscillator."""
         p = np.zeros(at.SIZE)
-        p[at.HYSTERESIS_EXPONENT] = 1.0
         outside = {t.label for t in terms if t.output}
         enter(p, {k: v for k, v in values.items() if k.partition('.')[0] not in outside})
         for term in terms:

@@ -152,6 +152,17 @@ class StructureModel:
             damping[one, other] = damping[other, one] = values.get(coupling(one, other), 0.0)
         return omega**2, damping
 
+    def answer(
+        self, values: Mapping[str, float], channel: str, derivative: int, place: Array
+    ) -> NDArray[np.complex128]:
+        """Answer of an output to the input at frequencies, Hz, without elements; shape (m,)."""
+        stiffness, damping = self.matrices(values)
+        shapes = self.shapes(values)
+        s = 2.0j * np.pi * place[:, None, None]
+        dynamic = s**2 * np.eye(self.modes) + s * damping + np.diag(stiffness)
+        moved = np.linalg.solve(dynamic, self.drive(shapes)[:, None])[:, :, 0] @ shapes[channel]
+        return np.asarray(moved * s[:, 0, 0] ** derivative + values[direct(channel)])
+
     def drive(self, shapes: Mapping[str, Array]) -> Array:
         """Modal shape of the driven place, (n_modes,)."""
         return shapes[self.driven] if self.driven else np.ones(self.modes)
@@ -162,7 +173,6 @@ class StructureModel:
         """Parameters of the elements, (l, SIZE); their places and pushes, (l, n_modes)."""
         p = np.zeros((len(terms), at.SIZE))
         places, pushes = np.zeros((2, len(terms), self.modes))
-        p[:, at.HYSTERESIS_EXPONENT] = 1.0
         drive = self.drive(shapes)
         for i, term in enumerate(terms):
             mine = {k: v for k, v in values.items() if k.partition('.')[0] == term.label}

@@ -23,12 +23,13 @@ from impactscope.discrepancy.driven.fits.growing_windows import (
 )
 from impactscope.discrepancy.driven.fits.orthonormal import orthonormal
 from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit, sensitivities
+from impactscope.discrepancy.driven.fits.weighted_residuals import channel_scales, in_units
 from impactscope.discrepancy.driven.model_selection.model_comparison import Judge, noise_share
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
 from impactscope.discrepancy.time_limit import time_left
 
-__all__ = ['MOST_NUMBERS', 'Effort', 'Outcome', 'prune', 'search']
+__all__ = ['MOST_NUMBERS', 'Effort', 'Outcome', 'prospects', 'prune', 'search']
 
 Array = NDArray[np.float64]
 Start = Callable[[Sequence[Number], Sequence[Term], Sequence[Segment]], Mapping[str, float]]
@@ -122,11 +123,7 @@ def prospects(
     residual = residual - basis @ (basis.T @ residual)
     power = float(residual @ residual) + 1e-300
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
-    scale = {}
-    for s in segments:
-        scale[s.channel] = max(
-            float(np.sqrt(np.mean(t.measured**2))) for t in segments if t.channel == s.channel
-        )
+    scales = channel_scales(segments)
     found = []
     for term in candidates:
         best: _Prospect | None = None
@@ -136,7 +133,7 @@ def prospects(
             for i in fitted:
                 predicted = model.predict(values, (*base.terms, term), base.starts[i], segments[i])
                 before = segments[i].measured - base.residuals[i]
-                parts.append((predicted - before) / (scale[segments[i].channel] or 1.0))
+                parts.append(in_units(predicted - before, segments[i], scales))
             change = np.concatenate(parts)
             whole = float(change @ change)
             if not np.isfinite(whole) or whole == 0.0:

@@ -175,9 +175,8 @@ class Fits:
         least = self._least()
 
         def made(terms: tuple[Term, ...]) -> Fit:
-            again = self._fit(base, terms, {}, least)
             # a companion that only helped the fit on its way must not stay
-            return self._to_the_end(again) if self.model.drifts else again
+            return self._to_the_end(self._fit(base, terms, {}, least))
 
         names = [labels_of(terms) for terms in fewer]
         bare = labels_of(self.baseline.terms)

@@ -429,5 +429,26 @@ def taken_over(case: Case, found: Fit) -> tuple[Case, Fit]:
     further = tuple(t for t in found.terms if t.label not in known)
     model = dataclasses.replace(model, terms=(*model.terms, *further), _last={})
     values = {**case.baseline.values, **found.values}
-    seed = fit(model, found.terms, case.segments, values, case.baseline.starts)
-    return dataclasses.replace(case, model=model), seed
+    begun = [(found.terms, values), *_with_own_yield(model, found.terms, values)]
+    seeds = [fit(model, t, case.segments, v, case.baseline.starts) for t, v in begun]
+    return dataclasses.replace(case, model=model), min(seeds, key=lambda f: f.cost)
+
+
+def _with_own_yield(
+    model: DrivenMassModel, terms: tuple[Term, ...], values: Mapping[str, float]
+) -> list[tuple[tuple[Term, ...], dict[str, float]]]:
+    """The same effects with hysteresis in the form that the exact search has, by its yield.
+
+    Another search knows forms that yield otherwise on the way back; each would keep the other out.
+    """
+    old = next((t for t in terms if t.name == 'hysteresis'), None)
+    own = next((t for t in model.terms if t.label == 'hysteresis/share'), None)
+    if old is None or own is None or old is own:
+        return []
+    had = {n.name: values[key(old, n)] for n in old.numbers}
+    rate = had.get('closing', 0.0) + had.get('leaning', 0.0)
+    if 'share' not in had or rate <= 0.0:
+        return []
+    numbers = {'share': had['share'], 'yield_displacement': 1.0 / rate}
+    given = {key(own, n): numbers[n.name] for n in own.numbers}
+    return [(tuple(own if t is old else t for t in terms), {**values, **given})]

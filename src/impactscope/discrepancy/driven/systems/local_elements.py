@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from impactscope.discrepancy.driven.data.measured_force import known_force
 from impactscope.discrepancy.driven.data.recordings import Cut
 from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit
 from impactscope.discrepancy.driven.model_selection.model_comparison import Judge
@@ -35,13 +36,16 @@ from impactscope.discrepancy.driven.models.structure_model import (
     shape,
 )
 from impactscope.discrepancy.driven.models.terms import Number, Term
+from impactscope.discrepancy.driven.noise.spectral_whitening import whitening
 from impactscope.discrepancy.driven.systems.modal import Modes, poles_apart
+from impactscope.discrepancy.evidence import noise_std
 
 __all__ = ['NO_SHAPES', 'Structure', 'linear_structure', 'quiet_structure']
 
 Array = NDArray[np.float64]
 
 NO_SHAPES = 'there are more than four modes, or none that shapes at the outputs describe.'
+FINEST_LINES = 16  # of a spectrum of noise, as a power of two
 MOST_MODES = 4  # more have too many numbers to be told from what is not linear
 LAWS = frozenset(
     {
@@ -57,8 +61,8 @@ LAWS = frozenset(
         'hysteresis',
     }
 )
-HIDDEN_MODES = 3  # of a structure that is searched where no output is
-HIDDEN = (-3.0, -1.0, -0.3, 0.3, 3.0)  # shapes there over that at the driven place, to start from
+# shapes of a place that no output shows, over those of the driven place, to start from
+HIDDEN = {2: (-3.0, -1.0, -0.3, 0.3, 3.0), 3: (-3.0, -0.5, 1.0)}  # by the number of modes
 TRAVELS, STOPS = (0.9, 0.7, 0.45), (0.1, 1.0)  # of the largest motion, of the stiffness: starts
 SLIPS = (0.03, 0.2, 1.0)  # of the largest motion, where a yielding spring slips
 NEAR, FAR = 1.15, 10.0  # factors within which a frequency stays
@@ -70,21 +74,30 @@ AS_WELL = 1.05  # of the power that freely fitted modes leave
 class Structure:
     """A structure as a model with elements to look for.
 
-    ``linear``: its fit without any, to all recordings. ``begun``: where a search sets out.
+    ``segments``: with their noise, where the linear fit tells it. ``linear``: the fit without
+    elements, to all recordings. ``begun``: where a search sets out.
     """
 
     model: StructureModel
+    segments: Sequence[Segment]
     linear: Fit
     begun: Fit
     judge: Judge
 
 
 def linear_structure(
-    parts: Sequence[Cut], segments: Sequence[Segment], modes: Modes
+    parts: Sequence[Cut], segments: Sequence[Segment], modes: Modes, *, exact: bool, bent: bool
 ) -> Structure | None:
     """The structure of the stated modes by shapes at its outputs; None where it is none.
 
     None as well where it has too many modes, or modes without any shape fit clearly better.
+
+    Args:
+        parts: the recordings, in the order of the segments.
+        segments: of all recordings.
+        modes: what was fitted without shapes.
+        exact: whether the input is commanded, and has no noise.
+        bent: whether more is missing than leaves noise to be read.
     """
     stated, poles = modes.stated, modes.poles
     if stated is None or poles is None or poles.size // 2 > MOST_MODES:
@@ -93,7 +106,43 @@ def linear_structure(
     model, made = _linear(poles, segments)
     if _power(made, segments) > AS_WELL * _power(stated, segments):
         return None
+    if not bent:
+        segments = _with_noise(model, made, parts, segments, exact=exact)
+        made = fit(model, (), segments, made.values, tolerance=FINE)
     return _with_elements(model, made, made, parts, segments)
+
+
+def _with_noise(
+    model: StructureModel,
+    made: Fit,
+    parts: Sequence[Cut],
+    segments: Sequence[Segment],
+    *,
+    exact: bool,
+) -> list[Segment]:
+    """Segments whose noise is known: white, and what the noise of a measured input moves.
+
+    A structure answers that at its resonances, and no model leaves white residuals there.
+    """
+    least = min(
+        made.values[damping_ratio(k)] * made.values[frequency(k)] for k in range(model.modes)
+    )
+    found = []
+    for part, segment, left in zip(parts, segments, made.residuals, strict=True):
+        noise = segment.noise if math.isfinite(segment.noise) else noise_std(left)
+        level = math.nan if exact or part.drive is None else known_force(part.drive).noise
+        lines = 1
+        if math.isfinite(level):
+            width = 0.5 / segment.period / max(least, 0.1 / (segment.period * left.size))
+            lines = 1 << min(max(math.ceil(math.log2(4.0 * width)), 6), FINEST_LINES)
+        place = np.linspace(0.0, 0.5 / segment.period, lines + 1)
+        power = np.full(lines + 1, noise**2)
+        if math.isfinite(level):
+            answer = model.answer(made.values, segment.channel, segment.derivative, place)
+            power += level * np.abs(answer) ** 2
+        whitener = whitening(power)
+        found.append(dataclasses.replace(segment, noise=noise, whitener=whitener))
+    return found
 
 
 def quiet_structure(parts: Sequence[Cut], segments: Sequence[Segment], modes: int) -> Structure:
@@ -125,7 +174,7 @@ def _with_elements(
     terms = tuple(term for term, _ in elements)
     places = {term.variant: place for term, place in elements}
     whole = dataclasses.replace(model, terms=terms, places=places, _last={})
-    return Structure(whole, linear, begun, Judge(segments, len(terms)))
+    return Structure(whole, segments, linear, begun, Judge(segments, len(terms)))
 
 
 def _linear(
@@ -222,10 +271,10 @@ def _places(model: StructureModel) -> Iterator[tuple[str, Place, dict[str, float
         yield f'at_{i + 1}', Place(f'at {channel}', channel), own
     for (i, one), (j, other) in itertools.combinations(enumerate(model.channels), 2):
         yield f'between_{i + 1}_{j + 1}', Place(f'between {one} and {other}', one, other), own
-    if len(model.channels) >= model.modes or model.modes > HIDDEN_MODES:
+    if len(model.channels) >= model.modes or model.modes not in HIDDEN:
         return
     hidden = Place('at a place that no output shows')
-    for i, ratios in enumerate(itertools.product(HIDDEN, repeat=model.modes - 1)):
+    for i, ratios in enumerate(itertools.product(HIDDEN[model.modes], repeat=model.modes - 1)):
         shapes = {hidden_shape(k): r for k, r in zip(further, ratios, strict=True)}
         yield f'hidden_{i + 1}', hidden, {**own, **shapes}
 

@@ -72,7 +72,6 @@ class PrescribedModel:
     ) -> Array:
         """Force, shape (n,)."""
         p = np.zeros(at.SIZE)
-        p[at.HYSTERESIS_EXPONENT] = 1.0
         enter(p, values)
         for term in terms:
             if term.fixed:
