@@ -1,5 +1,7 @@
 """Fits of simulation errors: models that run away, and beginnings as figures show them."""
 
+import dataclasses
+
 import numpy as np
 
 from impactscope.discrepancy.driven.fits.simulation_error import fit, plainly_begun
@@ -70,3 +72,26 @@ def test_figures_have_beginnings_that_leave_least_as_it_is():
     assert shown.values == made.values
     plain = segment(measured)
     assert plainly_begun(Drifting(), made, [plain]).starts is not None
+
+
+class Turning:
+    """A wheel that turns on and on: whole turns of its beginning cannot be seen."""
+
+    numbers = (Number('mass', 'kg', (1.0,), 1.0),)
+    terms = ()
+    drifts = False
+
+    def starts(self, _):
+        return (Number('position', 'rad', (0.0,), 0.1),)
+
+    def predict(self, _values, _terms, start, _segment):
+        return np.sin(start[0] + 2.0 * TIME) + 0.01 * start[0]
+
+
+def test_the_beginning_of_a_held_out_recording_does_not_stay_where_another_model_left_it():
+    measured = Turning().predict({}, (), np.array([0.4]), None)
+    held_out = dataclasses.replace(segment(measured), held_out=True, recording='held_out.mcap')
+    segments = [segment(measured), held_out]
+    carried = [np.array([0.4]), np.array([0.4 + 8.0 * np.pi])]
+    found = fit(Turning(), (), segments, {}, starts=carried)
+    assert found.rms(1) < 1e-6

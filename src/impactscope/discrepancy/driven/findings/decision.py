@@ -68,14 +68,16 @@ def decide(s: Subject) -> Decision:
     wrong = wrong_parameters(s)
     signs = [*steps_found(s, final), *wrong]  # stand whatever the laws are
     instead = s.verdict is not None and s.verdict.left and s.verdict.instead
-    if instead and table(s, base, final).loses:
+    figures = table(s, base, final)
+    if instead and figures.loses:
         final = base
     stranger, left = left_over(s, base, final)
     doubted: frozenset[str] = frozenset()
     if new and left and not instead:
         doubted = unlikely(s, new)
-        none = doubted == {t.name for t in new}
-        if stranger and (none or leaves_most(table(s, base, final))):
+        # what is not known has bent a law that does not predict
+        none = doubted == {t.name for t in new} or (stranger and figures.loses)
+        if stranger and (none or leaves_most(figures)):
             if s.verdict is None:
                 return decide(_without_findings(s))
             instead, final = True, base

@@ -196,7 +196,14 @@ def _own_beginning(
         return begin
     scale = np.array([n.scale for n in numbers])
 
-    theta = begin / scale
+    def left(begin: Array) -> float:
+        predicted = model.predict(values, terms, begin, segment)
+        counting = counted(model, segment.measured - predicted, segment)
+        return float(counting @ counting)
+
+    # one that another model asked for may lie in another valley
+    usual = np.array([n.starts[0] for n in numbers])
+    theta = min(begin, usual, key=left) / scale
     swings = isinstance(model, OscillatorModel) and model.free
     for share in FIRST_OF_A_SWING if swings else (1.0,):
         count = max(math.ceil(share * segment.measured.size), 2 * len(numbers))
