@@ -17,15 +17,13 @@ from impactscope.discrepancy.driven.findings.ranking import unknown_finding
 from impactscope.discrepancy.driven.findings.subject import Subject
 from impactscope.discrepancy.driven.fits.simulation_error import Fit, plainly_begun
 from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge
-from impactscope.discrepancy.driven.model_selection.model_comparison import FINEST
+from impactscope.discrepancy.driven.model_selection.model_comparison import noise_floor
 from impactscope.discrepancy.driven.models.model import Segment
-from impactscope.discrepancy.driven.noise.quantisation import step_of
 from impactscope.discrepancy.driven.systems.prescribed_noise_limited import counting_of
 from impactscope.discrepancy.evidence import (
     family_p_value,
     first_discoveries,
     is_white,
-    noise_std,
 )
 
 __all__ = ['left_over', 'p_value_of', 'places', 'table', 'traces']
@@ -63,15 +61,6 @@ def p_value_of(s: Subject, final: Fit) -> float:
     return family_p_value(max(gain.fitted, 0.0), max(gain.numbers, 1), s.judge.looks)
 
 
-def _floor(segment: Segment, residual: Array) -> float:
-    """Noise of a sample: as stated, or of the residual and not below what the converter leaves."""
-    if math.isfinite(segment.noise):
-        return segment.noise
-    step = step_of(segment.measured)
-    least = FINEST * float(np.max(np.abs(segment.measured)))
-    return max(noise_std(residual), step / math.sqrt(12.0), least)
-
-
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
@@ -87,13 +76,13 @@ def left_over(s: Subject, base: Fit, final: Fit) -> tuple[bool, str]:
     for i, segment in enumerate(s.segments):
         residual, baseline = (_as_white(segment, f.residuals[i]) for f in (final, base))
         left, size, before = _rms(residual), _rms(segment.measured), _rms(baseline)
-        noise = _floor(segment, residual)
+        noise = noise_floor(segment, residual)
         ratio = left / noise if noise > 0.0 else math.inf
         if left <= 1e-7 * size or ratio**2 <= s.judge.thresholds.unexplained_ratio:
             continue
         if is_white(residual):
             continue
-        stated = math.isfinite(segment.noise)
+        stated = segment.channel in s.campaign.noise_std
         much = left > REMOVED * before or left > TOO_LARGE * size
         asks = (stated or left > LARGE * size) and much
         low, high = _band(residual, segment.period)
@@ -203,7 +192,7 @@ def table(s: Subject, base: Fit, final: Fit) -> FitTable:
     base, final = _shown(s, base, final)
     floor: dict[str, float] = {}
     for i, segment in enumerate(s.segments):
-        value = _floor(segment, final.residuals[i])
+        value = noise_floor(segment, final.residuals[i])
         floor[segment.channel] = min(value, floor.get(segment.channel, math.inf))
     return FitTable(_figures(s, base, floor), _figures(s, final, floor), floor)
 
@@ -249,7 +238,7 @@ def traces(s: Subject, base: Fit, final: Fit) -> tuple[Trace, ...]:
                 segment.channel,
                 segment.unit,
                 segment.held_out,
-                _floor(segment, final.residuals[i]),
+                noise_floor(segment, final.residuals[i]),
                 segment.time,
                 segment.measured,
                 segment.measured - base.residuals[i],

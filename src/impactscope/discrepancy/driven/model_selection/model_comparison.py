@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.models.model import Segment
+from impactscope.discrepancy.driven.noise.quantisation import step_of
 from impactscope.discrepancy.evidence import Thresholds, least_gain, noise_std
 
-__all__ = ['FINEST', 'WORTH', 'Gain', 'Judge', 'counting_samples', 'noise_share']
+__all__ = ['WORTH', 'Gain', 'Judge', 'counting_samples', 'noise_floor', 'noise_share']
 
 Array = NDArray[np.float64]
 
@@ -61,6 +62,15 @@ def noise_share(residual: Array, noise: float) -> float:
     if not math.isfinite(noise):
         noise = noise_std(residual)
     return min(noise**2 / power, 1.0) if math.isfinite(noise) else 0.0
+
+
+def noise_floor(segment: Segment, residual: Array) -> float:
+    """Noise of a sample: as stated, or of the residual and not below what the converter leaves."""
+    if math.isfinite(segment.noise):
+        return segment.noise
+    step = step_of(segment.measured)
+    least = FINEST * float(np.max(np.abs(segment.measured)))
+    return max(noise_std(residual), step / math.sqrt(12.0), least)
 
 
 def _as_seen(segment: Segment, residual: Array) -> tuple[Array, float]:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.driven.data.measured_force import known_force
 from impactscope.discrepancy.driven.data.recordings import Cut
 from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit
-from impactscope.discrepancy.driven.model_selection.model_comparison import Judge
+from impactscope.discrepancy.driven.model_selection.model_comparison import Judge, noise_floor
 from impactscope.discrepancy.driven.models.candidate_effects import candidate_effects
 from impactscope.discrepancy.driven.models.mechanical_effects import Sizes, mechanical_terms
 from impactscope.discrepancy.driven.models.model import Segment
@@ -38,7 +38,6 @@ from impactscope.discrepancy.driven.models.structure_model import (
 from impactscope.discrepancy.driven.models.terms import Number, Term
 from impactscope.discrepancy.driven.noise.spectral_whitening import whitening
 from impactscope.discrepancy.driven.systems.modal import Modes, poles_apart
-from impactscope.discrepancy.evidence import noise_std
 
 __all__ = ['NO_SHAPES', 'Structure', 'linear_structure', 'quiet_structure']
 
@@ -129,7 +128,7 @@ def _with_noise(
     )
     found = []
     for part, segment, left in zip(parts, segments, made.residuals, strict=True):
-        noise = segment.noise if math.isfinite(segment.noise) else noise_std(left)
+        noise = noise_floor(segment, left) or 1.0
         level = math.nan if exact or part.drive is None else known_force(part.drive).noise
         lines = 1
         if math.isfinite(level):
@@ -197,7 +196,9 @@ def _power(made: Fit, segments: Sequence[Segment]) -> float:
     """Power of the residuals of fitted recordings over that of their channels, the mean."""
     pairs = zip(made.residuals, segments, strict=True)
     return float(
-        np.mean([np.mean(r**2) / np.mean(s.measured**2) for r, s in pairs if not s.held_out])
+        np.mean(
+            [np.mean(r**2) / (np.mean(s.measured**2) or 1.0) for r, s in pairs if not s.held_out]
+        )
     )
 
 
@@ -260,16 +261,21 @@ def _model(
     return StructureModel(tuple(numbers), (), channels, driven, k, {})
 
 
-def _places(model: StructureModel) -> Iterator[tuple[str, Place, dict[str, float]]]:
+def _places(
+    model: StructureModel, units: Mapping[str, str]
+) -> Iterator[tuple[str, Place, dict[str, float]]]:
     """Every output against the ground, every two against each other, and where no output is.
 
-    Each with a name, and with values of an element's own numbers to set out from.
+    Each with a name, and with values of an element's own numbers to set out from. ``units``: of
+    the outputs' positions.
     """
     further = range(1, model.modes)
     own = {} if model.driven else {mobility(k): 1.0 for k in further}
     for i, channel in enumerate(model.channels):
         yield f'at_{i + 1}', Place(f'at {channel}', channel), own
     for (i, one), (j, other) in itertools.combinations(enumerate(model.channels), 2):
+        if units[one] != units[other]:
+            continue
         yield f'between_{i + 1}_{j + 1}', Place(f'between {one} and {other}', one, other), own
     if len(model.channels) >= model.modes or model.modes not in HIDDEN:
         return
@@ -283,11 +289,11 @@ def _terms(
     model: StructureModel, made: Fit, segments: Sequence[Segment], drive_unit: str
 ) -> Iterator[tuple[Term, Place]]:
     """Laws at every place, with values to set out from by how far that moves."""
-    unit = segments[0].unit.split('/', 1)[0]
+    units = {s.channel: s.unit.split('/', 1)[0] for s in segments}
     shapes = model.shapes(made.values)
     stiffness, _ = model.matrices(made.values)
     fitted = [s for s in segments if not s.held_out]
-    for name, place, own in _places(model):
+    for name, place, own in _places(model, units):
         row = place.row(model.drive(shapes), shapes, own)
         moved = [model.at(row, made.values, (), s) for s in fitted]
         x = max(float(np.max(np.abs(z))) for z, _ in moved)
@@ -296,6 +302,7 @@ def _terms(
             continue
         k = 1.0 / float(np.sum(row**2 / stiffness))
         numbers = [Number(n, '1', (v,), 0.1 * abs(v), *_within(n)) for n, v in own.items()]
+        unit = units[place.channel or model.channels[0]]
         for term in _laws(Sizes(x, v, k * x, k, drive_unit, unit)):
             with_own = dataclasses.replace(term, numbers=(*term.numbers, *numbers))
             yield from _at(with_own, name, place)
