@@ -96,7 +96,7 @@ def rubbed(row, force):
 LINEAR = smooth([1.0, 0.0], lambda _z, _v: 0.0)
 
 
-def campaign(seed, moved, outputs, input_noise=0.0):
+def campaign(seed, moved, outputs, input_noise=0.0, known=()):
     """``outputs``: columns of positions, speeds and accelerations of both masses, by channel."""
     rng = np.random.default_rng(seed)
     unit = ('m', 'm', 'm/s', 'm/s', 'm/s^2', 'm/s^2')
@@ -118,7 +118,7 @@ def campaign(seed, moved, outputs, input_noise=0.0):
             'version': 1,
             'bench': {'kind': 'driven', 'input': INPUT, 'outputs': list(outputs)},
             'model': {'modes': 2},
-            'baseline': ['linear_sensor'],
+            'baseline': ['linear_sensor', *known],
             'recordings': [
                 {'file': f, 'role': 'hold_out' if f == files[-1] else 'fit'} for f in files
             ],
@@ -152,6 +152,14 @@ def test_a_spring_that_hardens_between_two_masses_is_told_with_its_place():
     cubic = found.parameters['cubic']
     assert abs(cubic.value - 3e6) < max(4.0 * cubic.std, 3e4)
     held_out = answer.fit.extended.held_out_rmse
+    assert all(held_out[c] < 1.1 * answer.fit.noise_floor[c] for c in held_out)
+
+
+def test_what_was_found_at_a_place_is_no_finding_once_it_is_in_the_baseline():
+    known = {'name': 'hardening_spring', 'values': {'cubic': 2.9e6}}
+    answer = explain_driven(campaign(2, HARD, BOTH, known=[known]))
+    assert answer.accepted == ()
+    held_out = answer.fit.baseline.held_out_rmse
     assert all(held_out[c] < 1.1 * answer.fit.noise_floor[c] for c in held_out)
 
 

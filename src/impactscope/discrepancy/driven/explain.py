@@ -54,6 +54,7 @@ from impactscope.discrepancy.driven.systems.linear_baseline import (
     with_the_mass_alone,
 )
 from impactscope.discrepancy.driven.systems.local_elements import (
+    LAWS,
     NO_SHAPES,
     Structure,
     linear_structure,
@@ -333,6 +334,7 @@ def _of_modes(
         begun = [linear]
         if bent:
             begun.append(quiet_structure(parts, segments, linear.model.modes))
+        begun = [_knowing(campaign, structure) for structure in begun]
         local = _local(begun, [stated, *others], tell)
         if local is not None:
             structure, found = local
@@ -379,6 +381,9 @@ def _local(
         if outcome.believed and judge.better(structure.linear, outcome.best):
             outcome = dataclasses.replace(outcome, baseline=structure.linear)
             found.append((structure, outcome))
+        elif structure.linear.terms:
+            alone = Outcome(structure.linear, structure.linear, outcome.rivals, believed=False)
+            found.append((structure, alone))
     if not found:
         return None
     judge = found[0][0].judge
@@ -390,6 +395,19 @@ def _local(
     if any(judge.criterion(made, stated) <= criteria[best] for made in others):
         return None
     return found[best]
+
+
+def _knowing(campaign: Campaign, structure: Structure) -> Structure:
+    """The structure with what the campaign says that its simulation has at one place."""
+    known = tuple(item for item in campaign.baseline if item.name in LAWS)
+    if not known:
+        return structure
+    stated = dataclasses.replace(campaign, baseline=known)
+    linear, begun = (
+        with_known(stated, structure.model, structure.segments, made)
+        for made in (structure.linear, structure.begun)
+    )
+    return dataclasses.replace(structure, linear=linear, begun=begun)
 
 
 def _with_likely_places(structure: Structure) -> StructureModel:

@@ -39,7 +39,7 @@ from impactscope.discrepancy.driven.models.terms import Number, Term
 from impactscope.discrepancy.driven.noise.spectral_whitening import whitening
 from impactscope.discrepancy.driven.systems.modal import Modes, poles_apart
 
-__all__ = ['NO_SHAPES', 'Structure', 'linear_structure', 'quiet_structure']
+__all__ = ['LAWS', 'NO_SHAPES', 'Structure', 'linear_structure', 'quiet_structure']
 
 Array = NDArray[np.float64]
 
