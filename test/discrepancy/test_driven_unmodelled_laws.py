@@ -145,6 +145,19 @@ def test_one_law_as_good_as_two_effects_is_the_likelier_one(monkeypatch):
     assert not alone.left
 
 
+@pytest.mark.parametrize(('gain', 'instead'), [(7.0, False), (70.0, True)])
+def test_a_law_that_nothing_shows_is_not_in_the_place_of_what_held_out_recordings_show(
+    monkeypatch, gain, instead
+):
+    """A saturation that one held-out recording alone reaches explains nothing of the others.
+
+    Its limit is then at the end of what the others leave open.
+    """
+    said = decided(monkeypatch, (gain, gain), 0.4, ('saturation',), 1, damping=0.2999999)
+    assert said.instead is instead
+    assert said.left is instead
+
+
 @pytest.mark.parametrize(('damping', 'instead'), [(0.1, False), (0.0, False), (0.2999999, True)])
 def test_a_finding_at_the_end_of_what_is_credible_is_not_the_likelier_one(
     monkeypatch, damping, instead

@@ -365,7 +365,9 @@ def verdict(
     together = needed and gain[0] + beside.gain > (1.0 + FAR_MORE) * alone.gain
     # one law as good as several effects is the likelier one
     far = ahead > margin or several > 0 or beside.worth > MARGIN
-    clearly = ahead > 0.0 and far and not together
+    # what held-out recordings alone have shown is not outweighed by a law that nothing shows
+    shown = alone.p_value < FALSE
+    clearly = ahead > 0.0 and far and not together and shown
     same = alone.law.partition(' at ')[0] == beside.law.partition(' at ')[0]
     instead = clearly or (needed and same and ahead > -MARGIN)
     left = instead or needed
@@ -373,5 +375,6 @@ def verdict(
     if left and not instead:
         chance = max(chance, 1.0 - beside.p_value)
     elif not left:
-        chance = min(chance, 0.5)  # what is not believed is not the likelier one
+        # what is not believed is not the likelier one
+        chance = min(chance, 0.5) if shown else 0.0
     return Verdict(left, instead, alone if instead else beside, chance)
