@@ -7,8 +7,8 @@ from scipy.integrate import solve_ivp
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
-from impactscope.discrepancy.driven.findings.figures import _floor
 from impactscope.discrepancy.driven.fits.equation_error import equation_start
+from impactscope.discrepancy.driven.model_selection.model_comparison import noise_floor
 from impactscope.discrepancy.driven.systems.linear_baseline import linear_start
 
 RATE, STEP = 2000.0, 2e-6
@@ -65,7 +65,7 @@ def test_an_encoder_that_repeats_one_reading_at_rest_is_not_free_of_noise(begun)
 def test_noise_of_such_a_channel_is_not_below_that_of_its_steps(begun):
     segment = begun.segments[0]
     quiet = np.zeros(segment.measured.size)
-    assert _floor(segment, quiet) == pytest.approx(STEP / np.sqrt(12.0), rel=1e-3)
+    assert noise_floor(segment, quiet) == pytest.approx(STEP / np.sqrt(12.0), rel=1e-3)
 
 
 @pytest.mark.parametrize('rests', [-1.2, 0.4, 2.5])
