@@ -9,6 +9,7 @@ from scipy import signal
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven.models.candidate_effects import candidate_effects
 from impactscope.discrepancy.driven.models.mechanical_effects import Sizes, mechanical_terms
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel, inside_samples
@@ -93,6 +94,30 @@ def rubbed(row, force):
     return moved
 
 
+def yielding(row, stiffness, slip):
+    """Small steps beside a spring that yields, followed exactly along its way."""
+
+    def moved(fine):
+        dt, row_ = 1.0 / (RATE * FINE), np.asarray(row, float)
+        x, v, h, found = np.zeros(2), np.zeros(2), 0.0, []
+        for i in range(SAMPLES):
+            for j in range(FINE):
+                load = -STIFFNESS @ x - DAMPING @ v - row_ * stiffness * h
+                load[0] += fine[min(i * FINE + j, fine.size - 1)]
+                if j == 0:
+                    found.append(np.concatenate([x, v, load / MASSES]))
+                v = v + dt * load / MASSES
+                x = x + dt * v
+                way = dt * float(row_ @ v)
+                if way * h < 0.0:
+                    h += way
+                else:
+                    h = np.sign(way) * (slip - (slip - abs(h)) * np.exp(-abs(way) / slip))
+        return np.array(found)
+
+    return moved
+
+
 LINEAR = smooth([1.0, 0.0], lambda _z, _v: 0.0)
 
 
@@ -172,6 +197,15 @@ def test_dry_friction_at_the_tip_is_told_with_its_force():
     assert abs(force.value - 0.3) < max(4.0 * force.std, 6e-3)
 
 
+def test_a_spring_that_yields_between_two_masses_is_told_by_stiffness_and_yield():
+    answer = explain_driven(campaign(8, yielding([1.0, -1.0], 600.0, 4e-4), BOTH))
+    assert answer.accepted == ('hysteresis',)
+    found = answer.ranking[0].parameters
+    assert abs(found['stiffness'].value - 600.0) < 4.0 * found['stiffness'].std
+    slip = found['yield_displacement']
+    assert abs(slip.value - 4e-4) < 4.0 * slip.std
+
+
 def test_a_stop_on_one_side_of_the_tip_is_told():
     stop = smooth([0.0, 1.0], lambda z, _v: 1500.0 * max(z - 4e-3, 0.0))
     answer = explain_driven(campaign(4, stop, BOTH))
@@ -204,30 +238,58 @@ VALUES = {
 }
 
 
-@pytest.mark.parametrize('name', VALUES)
-def test_one_mode_with_an_element_moves_as_the_mass_on_its_spring_does(name):
-    mass, damping, stiffness = 1.6, 3.0, 4000.0
-    sizes = Sizes(3e-3, 0.15, 5.0, stiffness)
-    known = mechanical_terms(sizes, spring=True, driven=True, angle=False)
-    term = next(t for t in known if t.name == name and not t.variant)
-    numbers = {key(term, n): v for n, v in zip(term.numbers, VALUES[name], strict=True)}
+SIZES = Sizes(3e-3, 0.15, 5.0, 4000.0)
+ALONE = {'mass': 1.6, 'damping': 3.0, 'stiffness': 4000.0}
+
+
+def shaken():
     force, _ = driven(np.random.default_rng(7), 4.0)
     drive = inside_samples(force, 8, held=False)
-    none = np.zeros(0)
-    segment = Segment('r', 'c', 'm', False, 0.0, 1.0 / RATE, np.zeros(force.size), drive)
-    alone = OscillatorModel((), (term,), False, 1.0, 1.0)
-    plain = {'mass': mass, 'damping': damping, 'stiffness': stiffness}
-    expected = alone.predict({**plain, **numbers}, (term,), none, segment)
-    omega = np.sqrt(stiffness / mass)
+    return Segment('r', 'c', 'm', False, 0.0, 1.0 / RATE, np.zeros(force.size), drive)
+
+
+def alone(plain, term=None, numbers=None):
+    """Positions of a mass on its spring with an effect."""
+    terms = () if term is None else (term,)
+    model = OscillatorModel((), terms, False, 1.0, 1.0)
+    return model.predict({**plain, **(numbers or {})}, terms, np.zeros(0), shaken())
+
+
+def of_one_mode(plain, term, numbers):
+    """Positions of a structure of one mode, the same mass on the same spring, with an element."""
+    omega = np.sqrt(plain['stiffness'] / plain['mass'])
     values = {
         frequency(0): omega / (2.0 * np.pi),
-        damping_ratio(0): damping / (2.0 * mass * omega),
-        shape(0, 'c'): 1.0 / np.sqrt(mass),
+        damping_ratio(0): plain['damping'] / (2.0 * plain['mass'] * omega),
+        shape(0, 'c'): 1.0 / np.sqrt(plain['mass']),
         direct('c'): 0.0,
         **numbers,
     }
-    structure = StructureModel((), (term,), ('c',), 'c', 1, {'': Place('at c', 'c')})
-    found = structure.predict(values, (term,), none, segment)
+    place = {term.variant: Place('at c', 'c')}
+    structure = StructureModel((), (term,), ('c',), 'c', 1, place)
+    return structure.predict(values, (term,), np.zeros(0), shaken())
+
+
+@pytest.mark.parametrize('name', VALUES)
+def test_one_mode_with_an_element_moves_as_the_mass_on_its_spring_does(name):
+    known = mechanical_terms(SIZES, spring=True, driven=True, angle=False)
+    term = next(t for t in known if t.name == name and not t.variant)
+    numbers = {key(term, n): v for n, v in zip(term.numbers, VALUES[name], strict=True)}
+    expected = alone(ALONE, term, numbers)
+    found = of_one_mode(ALONE, term, numbers)
     assert np.max(np.abs(found - expected)) < 1e-3 * np.max(np.abs(expected))
-    linear = alone.predict(plain, (), none, segment)
+    linear = alone(ALONE)
+    assert np.max(np.abs(linear - expected)) > 0.02 * np.max(np.abs(expected))
+
+
+def test_an_element_that_yields_is_a_share_of_a_spring_that_does():
+    found = candidate_effects(SIZES, (1.6, 3.0, 4000.0), ('c', 'm'), RATE, 1.0, 1e-5, 3e-3)
+    term = next(t for t in found if t.name == 'hysteresis')
+    slip = {f'{term.label}.yield_displacement': 1e-3}
+    expected = alone(ALONE, term, {**slip, f'{term.label}.share': 0.2})
+    rest = {**ALONE, 'stiffness': 0.8 * ALONE['stiffness']}
+    yielding = {**slip, f'{term.label}.stiffness': 0.2 * ALONE['stiffness']}
+    found = of_one_mode(rest, term, yielding)
+    assert np.max(np.abs(found - expected)) < 1e-3 * np.max(np.abs(expected))
+    linear = alone(ALONE)
     assert np.max(np.abs(linear - expected)) > 0.02 * np.max(np.abs(expected))

@@ -61,7 +61,7 @@ Array = NDArray[np.float64]
 
 MOST_TURNS = 6  # turns and stops located in one sub-step
 FAR = 1e9  # a state beyond this has run away
-SWEEPS = 3  # in which the elements of a structure and its motion agree on a sub-step's end
+SWEEPS = 3  # in which the elements of a structure and its motion agree on the end of a step
 FREE = 2  # in the place of a direction of sliding: no dry friction at all
 
 
@@ -589,12 +589,9 @@ def smooth_force(p: Array, x: Array, v: Array, a: Array, out: Array) -> None:
     for i in range(x.size):
         force = p[MASS] * a[i] + p[DAMPING] * v[i] + restoring(p, x[i]) + p[INPUT_OFFSET]
         force += abs(v[i]) * (p[SKEW_DAMPING] + p[QUADRATIC_DAMPING] * v[i])
-        if p[HYSTERESIS_STIFFNESS] != 0.0:
-            if i > 0:
-                moved = x[i] - x[i - 1]
-                h = yielded(h, moved, p[HYSTERESIS_CLOSING], p[HYSTERESIS_LEANING])
-            force += p[HYSTERESIS_STIFFNESS] * h
-        out[i] = force
+        if i > 0:
+            h = _elongation(p, h, x[i] - x[i - 1])
+        out[i] = force + p[HYSTERESIS_STIFFNESS] * h
 
 
 @law
@@ -663,8 +660,8 @@ def run_modes(
     """Simulate a structure of k modes with elements at l places of it; False where it runs away.
 
     Modes take exact steps under forces that are straight lines inside a step; what an element
-    does at its end is found together with the motion. Dry friction is what stops its place, or
-    as much of that as there is (Moreau, in Nonsmooth Mechanics and Applications, 1988).
+    does at its end is found together with the motion, dry friction as its mean over the step
+    (Moreau, in Nonsmooth Mechanics and Applications, 1988).
 
     Args:
         a: modal positions, then speeds, after a step by those before it, shape (2k, 2k).
@@ -721,11 +718,7 @@ def run_modes(
                             after[j] += c[other, j, 1] * ends[other]
                             after[j] += (c[other, j, 0] + c[other, j, 1]) * rub[other]
                     z, v = _along(places[e], after, 0), _along(places[e], after, k)
-                    if p[e, HYSTERESIS_STIFFNESS] != 0.0:
-                        moved = z - _along(places[e], s, 0)
-                        bent[e] = yielded(
-                            h[e], moved, p[e, HYSTERESIS_CLOSING], p[e, HYSTERESIS_LEANING]
-                        )
+                    bent[e] = _elongation(p[e], h[e], z - _along(places[e], s, 0))
                     if p[e, KINETIC_FORWARD] + p[e, KINETIC_BACKWARD] + p[e, STATIC_EXCESS] > 0.0:
                         given = 0.0  # speed of the place after the step by a force of one
                         for m in range(k):

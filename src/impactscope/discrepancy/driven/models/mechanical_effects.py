@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 from impactscope.discrepancy.driven.models import parameter_layout as at
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
 
-__all__ = ['SLOTS', 'Sizes', 'enter', 'mechanical_terms', 'springs_of_axis']
+__all__ = [
+    'SLOTS',
+    'Sizes',
+    'enter',
+    'mechanical_terms',
+    'springs_of_axis',
+    'with_slots_that_follow',
+]
 
 Array = NDArray[np.float64]
 
@@ -86,6 +93,14 @@ def enter(vector: Array, values: Mapping[str, float]) -> None:
         plain = label.split('/', 1)[0] + dot + number
         for slot in SLOTS.get(plain, ()):
             vector[slot] += value
+
+
+def with_slots_that_follow(vector: Array) -> None:
+    """Fill what follows from the numbers that were entered into a parameter vector."""
+    if vector[at.YIELD] > 0.0:
+        vector[at.HYSTERESIS_CLOSING] = vector[at.HYSTERESIS_LEANING] = 0.5 / vector[at.YIELD]
+    if vector[at.STRIBECK_SPEED] == 0.0:
+        vector[at.STRIBECK_SPEED] = 1.0
 
 
 def _term(

@@ -15,7 +15,10 @@ from scipy import signal
 from impactscope.discrepancy.driven.models import parameter_layout as at
 from impactscope.discrepancy.driven.models.equation_of_motion import run, run_on_base
 from impactscope.discrepancy.driven.models.measuring_chain import passed_on, retimed
-from impactscope.discrepancy.driven.models.mechanical_effects import enter
+from impactscope.discrepancy.driven.models.mechanical_effects import (
+    enter,
+    with_slots_that_follow,
+)
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.terms import Number, Term
 
@@ -94,16 +97,13 @@ class OscillatorModel:
         if p[at.SHARE] > 0.0:
             p[at.HYSTERESIS_STIFFNESS] = p[at.SHARE] * p[at.STIFFNESS]
             p[at.STIFFNESS] -= p[at.HYSTERESIS_STIFFNESS]
-            if p[at.YIELD] > 0.0:
-                p[at.HYSTERESIS_CLOSING] = p[at.HYSTERESIS_LEANING] = 0.5 / p[at.YIELD]
         if p[at.BASE_MASS] > 0.0:
             omega = 2.0 * math.pi * p[at.BASE_FREQUENCY]
             p[at.BASE_STIFFNESS] = p[at.BASE_MASS] * omega**2
             p[at.BASE_DAMPING] = 2.0 * p[at.BASE_RATIO] * p[at.BASE_MASS] * omega
         if p[at.MASS] == 0.0:
             p[at.MASS] = 1.0
-        if p[at.STRIBECK_SPEED] == 0.0:
-            p[at.STRIBECK_SPEED] = 1.0
+        with_slots_that_follow(p)
         return p
 
     def _run(

@@ -28,7 +28,10 @@ from scipy.linalg import expm
 
 from impactscope.discrepancy.driven.models import parameter_layout as at
 from impactscope.discrepancy.driven.models.equation_of_motion import run_modes
-from impactscope.discrepancy.driven.models.mechanical_effects import enter
+from impactscope.discrepancy.driven.models.mechanical_effects import (
+    enter,
+    with_slots_that_follow,
+)
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.terms import Number, Term
 
@@ -184,8 +187,7 @@ class StructureModel:
                     1.0,
                     *(own[mobility(k)] for k in range(1, self.modes)),
                 ]
-            if p[i, at.STRIBECK_SPEED] == 0.0:
-                p[i, at.STRIBECK_SPEED] = 1.0
+            with_slots_that_follow(p[i])
         return p, places, pushes
 
     def modal_motion(

@@ -316,9 +316,9 @@ def _within(name: str) -> tuple[float, float]:
 def _laws(sizes: Sizes) -> Iterator[Term]:
     """Laws of an element whose place moves so far."""
     k, x = sizes.stiffness, sizes.position
-    plain = {t.name: t for t in mechanical_terms(sizes, spring=True, driven=True, angle=False)}
+    plain = mechanical_terms(sizes, spring=True, driven=True, angle=False)
     found = candidate_effects(sizes, (1.0, 0.0, k), ('', ''), 1.0, 1.0, 1.0, 1.0)
-    for term in (*found, plain['asymmetric_spring']):
+    for term in (*found, *(t for t in plain if t.name == 'asymmetric_spring')):
         if term.name not in LAWS or term.output:
             continue
         if term.name == 'end_stop':
@@ -329,21 +329,25 @@ def _laws(sizes: Sizes) -> Iterator[Term]:
             numbers = (dataclasses.replace(n, starts=starts[n.name]) for n in term.numbers)
             yield dataclasses.replace(term, numbers=tuple(numbers))
         elif term.name in {'hysteresis', 'clearance'}:
-            yield _with_stiffness(plain[term.name], term, sizes)
+            yield _with_stiffness(term, sizes)
         else:
             yield term
 
 
-def _with_stiffness(plain: Term, term: Term, sizes: Sizes) -> Term:
+def _with_stiffness(term: Term, sizes: Sizes) -> Term:
     """Play, or a yielding spring, with a stiffness of its own beside the structure's."""
     k, x, unit = sizes.stiffness, sizes.position, f'{sizes.force_unit}/{sizes.position_unit}'
     own = Number('stiffness', unit, (0.03 * k, 0.5 * k), 0.1 * k, 0.0)
     if term.name == 'clearance':
         return dataclasses.replace(term, numbers=(*term.numbers, own))
-    rates = tuple(1.0 / (x * s) for s in SLIPS)
-    closing = next(n for n in plain.numbers if n.name == 'closing')
-    closing = dataclasses.replace(closing, starts=rates)
-    return dataclasses.replace(plain, numbers=(own, closing), variant='')
+    slip = next(n for n in term.numbers if n.name == 'yield_displacement')
+    slip = dataclasses.replace(slip, starts=tuple(x * s for s in SLIPS))
+    return dataclasses.replace(
+        term,
+        numbers=(own, slip),
+        amounts=('stiffness',),
+        equation="s h with h' = v (1 - [v h > 0] |h| / x_y)",
+    )
 
 
 def _at(term: Term, name: str, place: Place) -> Iterator[tuple[Term, Place]]:
