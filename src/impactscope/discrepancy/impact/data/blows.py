@@ -19,6 +19,7 @@ from scipy import integrate, ndimage
 from impactscope.discrepancy.campaign import Campaign, CampaignRecording, ChannelSamples, Role
 from impactscope.discrepancy.evidence import noise_std, quantisation_step
 from impactscope.discrepancy.impact.data.binning import BinnedChannel, binned, coarse_step, merged
+from impactscope.discrepancy.impact.noise.by_recording import shared_and_own
 from impactscope.discrepancy.impact.noise.coloured_noise import SHORTEST, Colour, colour_of
 from impactscope.discrepancy.impact.noise.rounding import moving_noise
 from impactscope.errors import InputError
@@ -157,10 +158,11 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
             f'{campaign.name}: no recording to fit holds a blow that can be used; '
             + ' '.join(notes[:_TOLD])
         )
-    colours = _colours(onsets, campaign.noise_std)
+    noise, louder = _noise(onsets, campaign.noise_std)
+    colours = _colours(onsets, campaign.noise_std, louder)
     if colours:
         onsets = _seen_again(onsets, {name: colour.std for name, colour in colours.items()})
-    noise = _noise(onsets, campaign.noise_std)
+        noise, louder = _noise(onsets, campaign.noise_std)
     slower = {n: c for n, c in (slower or {}).items() if n not in campaign.noise_std}
     if slower:
         notes.append(
@@ -171,12 +173,15 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
     colours |= slower
     noise |= {name: colour.std for name, colour in colours.items()}
     moving = _when_moving(onsets, noise, campaign.noise_std)
+    louder = {(file, name): f for (file, name), f in louder.items() if name not in moving}
+    notes += _told_louder(louder)
     for name, std in moving.items():
         if name in colours:
             white = colours[name].white + std**2 - noise[name] ** 2
             colours[name] = dataclasses.replace(colours[name], white=white)
         noise[name] = std
-    floor = noise | _seen(onsets, {n: c for n, c in colours.items() if n not in slower}) | moving
+    floor = {name: std * _on_average(onsets, name, louder) for name, std in noise.items()}
+    floor |= _seen(onsets, {n: c for n, c in colours.items() if n not in slower}) | moving
     if only_before:
         notes.append(
             f'The noise of {only_before} is not white before the blows: residuals are '
@@ -190,7 +195,10 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
         blows = []
         for recording, onset in sorted(onsets, key=lambda item: item[0].role is Role.HOLD_OUT):
             doubtful = caught and recording.kind == 'pendulum'
-            blows.append(_blow(recording, onset, noise, colours, doubtful, told, coarser))
+            own = {name: louder.get((recording.file, name), 1.0) for name in noise}
+            own_noise = {name: own[name] * std for name, std in noise.items()}
+            own_colours = {name: colour.scaled(own[name]) for name, colour in colours.items()}
+            blows.append(_blow(recording, onset, own_noise, own_colours, doubtful, told, coarser))
         if sum(c.centres.size for b in blows for c in b.channels.values()) <= _MANY_BINS:
             break
     notes += told
@@ -339,47 +347,84 @@ def _leaves(channel: ChannelSamples, least: float = 0.0, noise: float = 0.0) -> 
 
 def _noise(
     onsets: Sequence[tuple[CampaignRecording, float]], stated: Mapping[str, float]
-) -> dict[str, float]:
-    """White noise of a sample by channel: pooled over what lies before the blows."""
-    result = {}
+) -> tuple[dict[str, float], dict[tuple[str, str], float]]:
+    """White noise of a sample by channel, from what lies before the blows.
+
+    Returns what recordings share, by channel; and of those in which it differs for certain how
+    many times that it is, by file and channel.
+    """
+    result, louder = {}, {}
     for name in CHANNELS:
         if name in stated:
             result[name] = stated[name]
             continue
         heard = [(r.channels[name], onset) for r, onset in onsets if name in r.channels]
-        squares, weight = 0.0, 0
-        for quiet, step in _quietest(heard):
+        files = [r.file for r, _ in onsets if name in r.channels]
+        told = []
+        quietest, before = _quietest(heard)
+        for i, quiet, step in quietest:
             sigma = max(noise_std(quiet), step / math.sqrt(12.0))
             if math.isfinite(sigma):
-                squares += quiet.size * sigma**2
-                weight += quiet.size
-        if weight:
-            peak = max(
-                float(np.nanmax(np.abs(r.channels[name].values)))
-                for r, _ in onsets
-                if name in r.channels
-            )
-            result[name] = max(math.sqrt(squares / weight), 1e-6 * peak, 1e-12)
-    return result
+                told.append((files[i], sigma, quiet.size))
+        if not told:
+            continue
+        peak = max(float(np.nanmax(np.abs(channel.values))) for channel, _ in heard)
+        least = max(1e-6 * peak, 1e-12)
+        stds = np.maximum([sigma for _, sigma, _ in told], least)
+        sizes = np.array([size for _, _, size in told])
+        result[name], own = shared_and_own(stds, sizes)
+        if before and quietest[0][1].size >= _TELLING:
+            for (file, _, _), std in zip(told, own.tolist(), strict=True):
+                if std != result[name]:
+                    louder[file, name] = std / result[name]
+        else:  # what rings at the end of one is no noise of its own
+            result[name] = math.sqrt(float(sizes @ stds**2) / float(np.sum(sizes)))
+    return result, louder
+
+
+def _told_louder(louder: Mapping[tuple[str, str], float]) -> list[str]:
+    """The note on recordings whose noise is not that of the others."""
+    if not louder:
+        return []
+    each = ', '.join(f'{name} of {file} ({f:.2g} times)' for (file, name), f in louder.items())
+    return [f'Noise is not the same in all recordings: {each}; each is judged by its own.']
+
+
+def _on_average(
+    onsets: Sequence[tuple[CampaignRecording, float]],
+    name: str,
+    louder: Mapping[tuple[str, str], float],
+) -> float:
+    """RMS of the noise of a channel over all recordings, in units of what they share."""
+    there = [r for r, _ in onsets if name in r.channels]
+    sizes = [r.channels[name].values.size for r in there]
+    squares = [louder.get((r.file, name), 1.0) ** 2 for r in there]
+    return math.sqrt(float(np.average(squares, weights=sizes))) if there else 1.0
 
 
 def _quietest(
     heard: Sequence[tuple[ChannelSamples, float]],
-) -> list[tuple[Array, float]]:
+) -> tuple[list[tuple[int, Array, float]], bool]:
     """Samples of a channel that tell its noise, and the step of its converter, by recording.
 
     Those before the blows. Recordings with too few of them are asked only where no other is, and
-    where there are next to none the end of each: it may still ring.
+    where there are next to none the end of each: it may still ring. Whether it is not the end
+    comes last.
     """
     before = [
-        (c.values[: max(int((onset - 2e-3 - c.start) * c.sample_rate), 0)], coarse_step(c, onset))
-        for c, onset in heard
+        (
+            i,
+            c.values[: max(int((onset - 2e-3 - c.start) * c.sample_rate), 0)],
+            coarse_step(c, onset),
+        )
+        for i, (c, onset) in enumerate(heard)
     ]
     for least in (_TELLING, _HARDLY_TELLING):
-        long = [(quiet, step) for quiet, step in before if quiet.size >= least]
+        long = [item for item in before if item[1].size >= least]
         if long:
-            return long
-    return [(c.values[-_ENDING:], coarse_step(c, onset)) for c, onset in heard]
+            return long, True
+    ends = enumerate(heard)
+    return [(i, c.values[-_ENDING:], coarse_step(c, onset)) for i, (c, onset) in ends], False
 
 
 def _when_moving(
@@ -407,11 +452,13 @@ def _when_moving(
 
 
 def _colours(
-    onsets: Sequence[tuple[CampaignRecording, float]], stated: Mapping[str, float]
+    onsets: Sequence[tuple[CampaignRecording, float]],
+    stated: Mapping[str, float],
+    louder: Mapping[tuple[str, str], float],
 ) -> dict[str, Colour]:
-    """Noise of the channels whose quiet before the blows is not white."""
+    """Noise of the channels whose quiet before the blows is not white; as recordings share it."""
     found: dict[str, Colour] = {}
-    quiet = {name: _quiet(onsets, name) for name in CHANNELS if name not in stated}
+    quiet = {name: _quiet(onsets, name, louder) for name in CHANNELS if name not in stated}
     for beside in (False, True):
         if beside and not found:
             break
@@ -448,9 +495,11 @@ def _seen(
 
 
 def _quiet(
-    onsets: Sequence[tuple[CampaignRecording, float]], name: str
+    onsets: Sequence[tuple[CampaignRecording, float]],
+    name: str,
+    louder: Mapping[tuple[str, str], float] | None = None,
 ) -> dict[float, list[Array]]:
-    """What a channel shows before the blows, by its sample rate."""
+    """What a channel shows before the blows, by its sample rate; ``louder``: over its noise."""
     quiet: dict[float, list[Array]] = {}
     for recording, onset in onsets:
         channel = recording.channels.get(name)
@@ -458,6 +507,8 @@ def _quiet(
             continue
         count = int((onset - 2e-3 - channel.start) * channel.sample_rate)
         before = channel.values[: max(count, 0)]
+        factor = (louder or {}).get((recording.file, name), 1.0)
+        before = before / factor if factor != 1.0 else before
         parts = _about_release(before) if name == 'acceleration.impactor' else [before]
         quiet.setdefault(channel.sample_rate, []).extend(parts)
     return quiet

@@ -66,6 +66,14 @@ class Colour:
         keep = np.exp(-1.0 / (self.times * self.sample_rate))
         return math.sqrt(self.white + float(self.variances @ (1.0 - keep**2)))
 
+    def scaled(self, factor: float) -> Colour:
+        """The same noise, so many times as large."""
+        if factor == 1.0:
+            return self
+        square = factor**2
+        parts = square * self.variances
+        return dataclasses.replace(self, white=square * self.white, variances=parts)
+
     def variance_of_means(self, counts: IntArray) -> Array:
         """Variance of the mean over that many samples, shape as ``counts``."""
         there = np.bincount(counts) > 0
