@@ -23,6 +23,7 @@ from impactscope.discrepancy.evidence import (
     price,
     probabilities,
     quantisation_step,
+    shape_price,
     spread_over_minima,
     spread_p_value,
 )
@@ -113,6 +114,35 @@ def test_numbers_of_one_kind_cost_no_more_than_as_many_of_their_own(gain, shared
     cost = price(gain, shared, own, samples)
     assert information(0.0, shared, samples) <= cost <= plain + 1e-9
     assert cost <= price(2.0 * gain, shared, own, samples)
+
+
+@given(st.floats(1e-6, 1e3), st.floats(1e-3, 1e3), st.floats(-0.99, 0.99))
+def test_a_shape_costs_what_is_told_of_it(variance, spread, correlation):
+    one = np.array([[variance]])
+    cost = shape_price(one, np.array([spread]))
+    assert cost == pytest.approx(math.log1p(spread**2 / variance))
+    both = np.diag([variance, variance])
+    assert shape_price(both, np.array([spread, spread])) == pytest.approx(2.0 * cost)
+    tied = both + correlation * variance * np.array([[0.0, 1.0], [1.0, 0.0]])
+    assert shape_price(tied, np.array([spread, spread])) >= 2.0 * cost - 1e-6
+
+
+def test_a_shape_of_which_nothing_is_told_costs_nothing():
+    spread = np.array([0.2, 3.0])
+    assert shape_price(np.diag([1e12, 1e12]), spread) == pytest.approx(0.0, abs=1e-9)
+    assert shape_price(np.zeros((0, 0)), np.zeros(0)) == 0.0
+
+
+def test_the_evidence_of_a_shape_is_the_likelihood_over_what_was_credible():
+    """Against the integral over a normal prior: y = x + noise, x of spread 2, noise of 0.3."""
+    std, spread, seen = 0.3, 2.0, 1.1
+    x = np.linspace(-20.0, 20.0, 400_001)
+    prior = np.exp(-0.5 * (x / spread) ** 2) / (spread * math.sqrt(2.0 * math.pi))
+    likelihood = np.exp(-0.5 * ((seen - x) / std) ** 2)  # 1 where it fits best
+    exact = -2.0 * math.log(float(np.sum(likelihood * prior)) * (x[1] - x[0]))
+    pulled = seen**2 / (std**2 + spread**2)  # from the prior's middle
+    cost = shape_price(np.array([[std**2]]), np.array([spread]))
+    assert exact == pytest.approx(cost + pulled, abs=1e-3)
 
 
 def test_numbers_of_one_kind_that_chance_gives_never_pay():

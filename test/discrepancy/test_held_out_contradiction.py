@@ -47,7 +47,7 @@ def formed(name, label, chi_square):
         name=name,
         free=(),
         channel='force',
-        price=lambda gain, samples: 9.0,
+        price=lambda gain, joint: 9.0,
         doubt_at=lambda values: 0.0,
     )
     form = found_of(candidate, -40.0)
@@ -230,6 +230,32 @@ def test_what_held_out_recordings_confirm_may_make_an_earlier_finding_idle(monke
     assert [c.label for c in outcome.accepted] == ['hysteresis']
     assert outcome.held_out_final is predicted[id(alone)]
     assert outcome.found['hysteresis'].criterion == -49.0  # with what these recordings gave
+
+
+def test_rivals_of_what_is_confirmed_are_weighed_beside_it(monkeypatch):
+    """What the held-out recordings give is told of the rival, too, until it is predicted."""
+    outcome = outcome_of(50.0)
+    outcome.accepted, outcome.found = [], {}
+    push, spring = found_of(candidate_of('push'), -12.0), found_of(candidate_of('spring'), -11.0)
+    outcome.last = [push, spring]
+    related = found_of(candidate_of('relative'), -9.0)
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: SimpleNamespace(reduced=1.0))
+    monkeypatch.setattr(
+        held_out,
+        'further_misfit',
+        lambda before, after: (after[0] is push.fit) * -9.0 + (before[0] is push.fit) * 20.0,
+    )
+    monkeypatch.setattr(held_out, 'chance_of', lambda *_: 1e-4)
+
+    def join(changed, candidate):
+        changed.rivals[candidate.label].append(related)
+
+    monkeypatch.setattr(held_out, 'join_relatives', join)
+    held_out.check_held_out(outcome, Thresholds(), 3)
+    assert [c.label for c in outcome.accepted] == ['push']
+    assert outcome.found['push'].criterion == -21.0
+    criteria = {f.candidate.label: f.criterion for f in outcome.rivals['push']}
+    assert criteria == {'spring': -20.0 + 20.0, 'relative': -9.0}
 
 
 def test_what_one_set_of_numbers_meets_is_not_missing(make_campaign):

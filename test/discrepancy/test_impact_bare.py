@@ -6,12 +6,22 @@ import pytest
 
 from impactscope.discrepancy.evidence import Thresholds
 from impactscope.discrepancy.impact.search import forward_backward as module
+from impactscope.discrepancy.impact.search.outcome import Found
+
+
+def found_over(layout):
+    friction = SimpleNamespace(cost=1, label='friction')
+    return Found(friction, SimpleNamespace(layout=layout), 30.0, 1e-9, -20.0)
 
 
 def outcome_with(doubted, *, free=True):
+    final = SimpleNamespace(layout=SimpleNamespace(size=100))
     return SimpleNamespace(
-        final=SimpleNamespace(layout='window'),
-        accepted=[SimpleNamespace(cost=1, free=free)],
+        final=final,
+        accepted=[SimpleNamespace(cost=1, free=free, label='friction')],
+        found={'friction': found_over(final.layout)},
+        rivals={'friction': [found_over(final.layout), found_over(SimpleNamespace(size=90))]},
+        last=[],
         doubted=doubted,
         looks=60,
         tests='of the finding',
@@ -25,6 +35,7 @@ def bare(monkeypatch, outcome, gain, adequate, misses_more=False):
     monkeypatch.setattr(module, 'with_findings', lambda *_: 'baseline')
     monkeypatch.setattr(module, '_misses_more', lambda *_: misses_more)
     monkeypatch.setattr(module, 'evidence_for', lambda *_: gain)
+    monkeypatch.setattr(module, 'weigh', lambda _, fit, *__: fit)
     monkeypatch.setattr(module, 'adequacy', lambda _: SimpleNamespace(p_value=adequate))
     searched = object.__new__(module.Search)
     searched.thresholds = Thresholds()
@@ -53,6 +64,14 @@ def test_a_doubted_finding_stays(monkeypatch, gain, adequate, free):
 def test_a_finding_that_chance_explains_goes(monkeypatch):
     assert bare(monkeypatch, outcome_with(set()), gain=0.5, adequate=0.4).accepted == []
     assert len(bare(monkeypatch, outcome_with(set()), gain=1e4, adequate=0.4).accepted) == 1
+
+
+def test_held_out_recordings_are_asked_about_what_chance_may_explain(monkeypatch):
+    outcome = outcome_with(set())
+    final, (rival, _) = outcome.final, outcome.rivals['friction']
+    assert bare(monkeypatch, outcome, gain=0.5, adequate=0.4).last == [final, rival.fit]
+    outcome = outcome_with(set())
+    assert bare(monkeypatch, outcome, gain=1e4, adequate=0.4).last == []
 
 
 def test_a_finding_stays_without_which_more_is_missed_than_the_last_fit_counts(monkeypatch):

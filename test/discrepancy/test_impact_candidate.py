@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from impactscope.discrepancy.explain import explain
@@ -12,6 +14,7 @@ from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.models.bench_model import Free
 from impactscope.discrepancy.impact.search.screening import Screening
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 from impactscope.physics.twin.assembly import Effect
@@ -24,6 +27,75 @@ def test_a_weaker_effect_keeps_its_times():
         'c': pytest.approx(0.3),
         'other': 2.0,
     }
+
+
+@pytest.mark.parametrize('share', [0.05, 0.2, 0.4, 0.47, 0.49])
+def test_a_filter_of_samples_is_the_less_likely_the_less_it_does(share: float) -> None:
+    """Of cut-offs drawn at will, few have a delay as small: against a histogram of these."""
+    filtered = Candidate('f', 'low_pass_filter', 'measurement', sampled={'cutoff': 1e4})
+    drawn = np.exp(np.linspace(math.log(1e-3), math.log(0.4999), 4_000_001))
+    delays = -np.log(np.tan(math.pi * drawn))  # of the bilinear transform, but for a factor
+    at = -math.log(math.tan(math.pi * share))
+    step = math.log(drawn[1] / drawn[0])
+    density = step * np.count_nonzero(np.abs(delays - at) < 0.01) / 0.02
+    assert filtered.doubt_at({'cutoff': share * 1e4}) == pytest.approx(
+        -2.0 * math.log(density), abs=0.02
+    )
+
+
+def priced(*stds: float, samples: int = 10**5) -> float:
+    """What a push costs of which start and rise are known so well."""
+    numbers = (
+        Free('push.force', 5.0, 0.5, -1e3, 1e3),
+        Free('push.start', 0.0, 0.01, 0.0, 0.6),
+        Free('push.rise', 0.01, 0.05, 1e-5, 1.0, logarithmic=True),
+        Free('push.dead', 0.01, 0.05, 1e-5, 1.0, logarithmic=True),
+    )
+    push = Candidate('push', 'push', 'impactor', free=numbers[:3], amplitudes={'push.force': 0.0})
+    if not stds[-1]:  # nothing depends on it
+        push = Candidate('push', 'push', 'impactor', free=numbers, amplitudes=push.amplitudes)
+    known = np.diag(np.square([0.1, *stds]))
+    joint = SimpleNamespace(
+        model=SimpleNamespace(index=[f.key for f in push.free].index),
+        layout=SimpleNamespace(size=samples),
+        covariance=lambda: known,
+    )
+    return push.price(50.0, joint)
+
+
+def test_what_the_recordings_leave_open_of_a_law_costs_nothing():
+    each = math.log(10**5)
+    assert priced(1e6, 1e6) == pytest.approx(each, abs=1e-6)  # its strength alone
+    assert priced(1e6, 1e6, 0.0) == pytest.approx(each, abs=1e-6)
+    width = math.log(1e5) / math.sqrt(12.0)
+    assert priced(1e6, 0.3) == pytest.approx(each + math.log1p((width / 0.3) ** 2), abs=1e-6)
+    assert priced(1e-3, 0.3) > priced(1e-2, 0.3) > priced(1e-1, 0.3)
+
+
+def test_a_number_never_costs_more_than_one_that_all_samples_tell():
+    assert priced(1e-9, 1e-9) == pytest.approx(3.0 * math.log(10**5))
+
+
+def test_the_cut_off_of_a_filter_is_its_strength_and_no_shape():
+    """How late a channel is costs the same, whether a clock or a filter makes it so."""
+    cutoff = Free('filter.cutoff', 300.0, 0.05, 1.0, 1e4, logarithmic=True)
+    filtered = Candidate('filter', 'low_pass_filter', 'measurement', free=(cutoff,))
+    joint = SimpleNamespace(layout=SimpleNamespace(size=10**5))
+    assert filtered.price(50.0, joint) == pytest.approx(math.log(10**5))
+
+
+@pytest.mark.parametrize(('std', 'told'), [(1e6, 0.0), (0.5, math.log1p(4.0 / 12.0 / 0.25))])
+def test_a_further_strength_costs_what_is_told_of_it(std: float, told: float) -> None:
+    """Friction of 0.8 N forwards and 1.2 N backwards, whose difference is known so well."""
+    sides = tuple(Free(f'friction.{side}', 1.0, 0.1, 0.0, 100.0) for side in ('there', 'back'))
+    law = Candidate('law', 'law', 'guide', free=sides, amplitudes={f.key: 0.0 for f in sides})
+    joint = SimpleNamespace(
+        values=dict(zip((f.key for f in sides), (0.8, 1.2), strict=True)),
+        model=SimpleNamespace(index=[f.key for f in sides].index),
+        layout=SimpleNamespace(size=10**5),
+        covariance=lambda: np.diag([1e-6, std**2]),
+    )
+    assert law.price_beyond_plain(joint) == pytest.approx(told, abs=1e-6)
 
 
 def test_what_is_more_than_usual_is_less_likely():

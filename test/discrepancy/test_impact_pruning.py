@@ -97,16 +97,20 @@ def test_rivals_are_compared_from_their_lowest_minima(
     monkeypatch: pytest.MonkeyPatch, lower: dict[str, float], behind: float, stays: bool
 ) -> None:
     load = wrong_number()
-    push = dataclasses.replace(PUSH, free=load.free)
+    push = dataclasses.replace(PUSH, free=load.free, amplitudes=load.amplitudes)
     levels = 100.0, 100.0 + behind
-    mine, other = (SimpleNamespace(chi_square=c, reduced=1.0, values={}) for c in levels)
+    layout = SimpleNamespace(size=1000)
+    mine, other = (
+        SimpleNamespace(chi_square=c, reduced=1.0, values={}, layout=layout) for c in levels
+    )
     found, tried = Found(push, mine, 50.0, 1e-9, -40.0), Found(load, other, 0.0, 1e-9, behind - 40)
     outcome = Outcome(mine, mine, [push])
     outcome.found[push.label], outcome.rivals[push.label] = found, [tried]
 
     def deeper(fit: SimpleNamespace, _: object) -> SimpleNamespace:
         fallen = lower.get('mine' if fit is mine else 'rival', 0.0)
-        return SimpleNamespace(chi_square=fit.chi_square - fallen, reduced=1.0, values={})
+        level, layout = fit.chi_square - fallen, SimpleNamespace(size=1000)
+        return SimpleNamespace(chi_square=level, reduced=1.0, values={}, layout=layout)
 
     monkeypatch.setattr(pruning, 'lowest', deeper)
     monkeypatch.setattr(pruning, '_instead', lambda *_: tried)
@@ -119,6 +123,32 @@ def test_rivals_are_compared_from_their_lowest_minima(
         assert outcome.found[PUSH.label].criterion == -60.0
     if not stays:
         assert outcome.found[load.label].criterion == pytest.approx(behind - 60.0)
+
+
+@pytest.mark.parametrize(('fallen', 'moved'), [(9.0, False), (15.0, True)])
+def test_a_narrow_minimum_that_is_lower_is_not_likelier(
+    monkeypatch: pytest.MonkeyPatch, fallen: float, moved: bool
+) -> None:
+    """Its start is told a hundred times as well, which costs 9.2."""
+    start = Free('external_push.start', 0.0, 0.01, 0.0, 0.6)
+    force = Free('external_push.force', 5.0, 0.5, -1e3, 1e3)
+    push = dataclasses.replace(PUSH, free=(force, start), amplitudes={force.key: 0.0})
+
+    def at(level: float, std: float) -> SimpleNamespace:
+        model = SimpleNamespace(free=push.free, index=[force.key, start.key].index)
+        known = np.diag([0.01, std**2])
+        layout = SimpleNamespace(size=10**7)
+        return SimpleNamespace(
+            chi_square=level, reduced=1.0, model=model, layout=layout, covariance=lambda: known
+        )
+
+    wide, narrow = at(100.0, 0.01), at(100.0 - fallen, 1e-4)
+    monkeypatch.setattr(pruning, 'lowest', lambda *_: narrow)
+    item = Found(push, wide, 40.0, 1e-9, -20.0)
+    best = pruning.at_bottom(item, 200.0)
+    assert (best.fit is narrow) is moved
+    cost = 2.0 * np.log(100.0)
+    assert best.criterion == pytest.approx(-20.0 - fallen + cost if moved else -20.0, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -162,7 +192,7 @@ def test_one_effect_in_place_of_two_counts_from_its_lowest_minimum(
 ) -> None:
     """Two wrong numbers leave 100 of the 200 of chi-square; a push alone stopped at more."""
     first, second = wrong_number(), dataclasses.replace(wrong_number(), label='another number')
-    push = dataclasses.replace(PUSH, name='a push', free=first.free)
+    push = dataclasses.replace(first, label=PUSH.label, name='a push', parameter='')
     layout = SimpleNamespace(size=1000)
 
     def at(level: float) -> SimpleNamespace:
@@ -176,7 +206,7 @@ def test_one_effect_in_place_of_two_counts_from_its_lowest_minimum(
     monkeypatch.setattr(pruning, 'lowest', lambda fit, _: at(fit.chi_square - fallen))
     search = searching.Search(())
     gain = 200.0 - alone
-    tried = Found(push, at(alone), gain, 1e-9, push.price(gain, layout.size) - gain)
+    tried = Found(push, at(alone), gain, 1e-9, push.price(gain, at(alone)) - gain)
     monkeypatch.setattr(search, '_alone', lambda *_: [tried])
     search._simpler(current, outcome)
     assert (outcome.accepted == [first, second]) is stays
@@ -213,7 +243,7 @@ def test_a_rival_of_two_findings_takes_the_place_of_both(
     """Two wrong numbers beside friction leave 100 of 300; one effect from its second start 104."""
     first, second = wrong_number(), dataclasses.replace(wrong_number(), label='another number')
     friction = Candidate(label='friction', name='coulomb_friction', subsystem='guide')
-    push = dataclasses.replace(PUSH, free=first.free)
+    push = dataclasses.replace(PUSH, free=first.free, amplitudes=first.amplitudes)
     layout = SimpleNamespace(size=1000)
     none = np.zeros(layout.size)
 
@@ -240,3 +270,39 @@ def test_a_rival_of_two_findings_takes_the_place_of_both(
     assert pruning.one_for_two(outcome) is not stays
     assert outcome.accepted == ([friction, first, second] if stays else [friction, push])
     assert outcome.final.chi_square == (100.0 if stays else deepest)
+
+
+@pytest.mark.parametrize(
+    ('gain', 'told', 'ahead'),
+    [
+        (8.0, 1.0, True),  # far from what chance hardly gives, but nothing else is told of it
+        (8.0, 7.0, False),
+        (2.5, 1.0, False),  # the plain law is three times as likely from the outset
+        (13.0, 30.0, True),  # whatever is told: chance hardly ever gains as much
+    ],
+)
+@pytest.mark.parametrize('fuller_is_rival', [True, False])
+def test_a_law_is_weighed_against_its_plain_form_by_what_is_told_of_its_further_numbers(
+    monkeypatch: pytest.MonkeyPatch, gain: float, told: float, ahead: bool, fuller_is_rival: bool
+) -> None:
+    monkeypatch.setattr(Candidate, 'price_beyond_plain', lambda *_: told)
+    free = tuple(Free(f'stribeck_friction.{n}', 1.0, 0.1) for n in ('static', 'kinetic', 'speed'))
+    plain = Candidate('c', 'coulomb_friction', 'guide', free=free[:1])
+    law = Candidate('s', 'stribeck_friction', 'guide', free=free)
+
+    def at(level: float) -> SimpleNamespace:
+        sizes = SimpleNamespace(size=1)
+        residuals = np.array([np.sqrt(level)])
+        return SimpleNamespace(
+            chi_square=level, reduced=1.0, values={}, layout=sizes, residuals=residuals
+        )
+
+    of_plain, of_law = at(100.0), at(100.0 - gain)
+    if fuller_is_rival:
+        found = Found(plain, of_plain, 80.0, 1e-9, -70.0)
+        worse, cost = pruning._against(law, of_law, found, of_plain)
+        assert (worse + cost < 0.0) is ahead
+    else:
+        found = Found(law, of_law, 80.0, 1e-9, -70.0)
+        worse, cost = pruning._against(plain, of_plain, found, of_law)
+        assert (worse + cost > 0.0) is ahead

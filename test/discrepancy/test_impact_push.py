@@ -63,3 +63,14 @@ def test_a_push_of_the_robot_does_not_act_where_a_pendulum_strikes(make_campaign
     found = answer.findings[0]
     assert abs(found.parameters['force'].value - 5.0) < 4.0 * found.parameters['force'].std < 1.0
     assert 'robot alone' in found.sentence
+
+
+@pytest.mark.slow
+def test_a_faint_push_that_rises_for_longer_than_the_contact_is_followed_to_its_minimum(
+    make_campaign,
+):
+    """Adjusted to slopes alone, its start and rise lead to a minimum 16 of chi-square above it."""
+    push = Effect('external_push', {'force': 0.014, 'start': 0.015, 'rise': 0.035})
+    answer = explain(make_campaign(95, [push], blows=4))
+    assert answer.accepted == ('external_push',)
+    assert answer.ranking[0].evidence > 68.0

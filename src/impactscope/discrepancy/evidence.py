@@ -33,6 +33,7 @@ __all__ = [
     'price',
     'probabilities',
     'quantisation_step',
+    'shape_price',
     'spread_over_minima',
     'spread_p_value',
 ]
@@ -42,6 +43,7 @@ Array = NDArray[np.float64]
 _INTERVAL, _HELD = 1.96, 0.95  # standard deviations to either side, and what lies between
 _HALVINGS = 30
 _FLAT, _NEAR = 3, 3.0  # readings at the top that tell a limit, and times the noise to it
+_LEAST_LEFT = 1e-12  # of a variance that was credible
 _AT_A_BOUND = 1e-3  # of a bound: what is nearer to it stands at it
 BESIDE_UNKNOWN = 0.7  # of a finding's probability, at most, where something is not known
 
@@ -120,6 +122,22 @@ def price(gain: float, shared: int, own: int, samples: int) -> float:
         return shared * each
     alike = own * (1.0 + math.log(gain / own)) if gain > own else max(gain, 0.0)
     return shared * each + min(own * each, alike + each)
+
+
+def shape_price(covariance: Array, spread: Array) -> float:
+    """What numbers cost that only shape a law: when a push begins, how long it rises; after Bayes.
+
+    Twice the logarithm of how much of what was credible of them is left once they are fitted
+    (Laplace's approximation, normal before and after). What the recordings leave open costs
+    nothing: a law is no less likely for a number of which they tell nothing, and the price of
+    a number that all samples tell would turn it down for a stiffer one that fits worse.
+
+    Args:
+        covariance: of the fitted numbers, all else re-tuned, shape (k, k).
+        spread: standard deviation of each before anything was measured, shape (k,).
+    """
+    left = np.linalg.eigvalsh(covariance / np.outer(spread, spread))
+    return float(np.sum(np.log1p(1.0 / np.maximum(left, _LEAST_LEFT))))
 
 
 def probabilities(criteria: Sequence[float]) -> list[float]:

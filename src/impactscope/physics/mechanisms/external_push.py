@@ -32,6 +32,6 @@ MECHANISM = Mechanism(
     test='force after the first peak: it stays up, or is longer than the mass explains',
     enter=_enter,
     needs=frozenset({'impactor'}),
-    kin=('gravity_load',),
+    kin=('gravity_load', 'restoring_force'),
     alone_in=('robot',),
 )

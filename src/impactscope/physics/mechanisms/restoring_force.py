@@ -22,5 +22,6 @@ MECHANISM = Mechanism(
     test='rebound on the horizontal bench: the impactor comes back after half a swing',
     enter=_enter,
     needs=frozenset({'impactor'}),
+    kin=('external_push',),
     alone_in=('pendulum',),
 )

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from impactscope.discrepancy.evidence import price
+import numpy as np
+from numpy.typing import NDArray
+
+from impactscope.discrepancy.evidence import price, shape_price
+from impactscope.discrepancy.impact.fits.least_squares import Fit
 from impactscope.discrepancy.impact.models.bench_model import ActiveEffect, Free, ImpactModel
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
 __all__ = ['Candidate', 'contains', 'kin_of', 'stronger']
+
+Array = NDArray[np.float64]
+
+_DECADES = 3  # over which a number may lie that has no bounds
 
 _LIKE_A_NUMBER = {  # what acts as a wrong number of the baseline may
     'damper': ('rate_dependent_damper', 'stiffening_damper'),
@@ -43,6 +51,7 @@ class Candidate:
     parameter: str = ''  # of the baseline, where that is what is wrong
     doubt: float = 0.0  # -2 log of its prior probability among its like
     usual: Mapping[str, float] = field(default_factory=dict)  # key to the most that is usual
+    sampled: Mapping[str, float] = field(default_factory=dict)  # key of a cut-off to its rate
     fitted: tuple[int, ...] = ()  # recordings whose own numbers count, where it has such
     implied: int = 0  # numbers of a law of which it is one case, that it holds
 
@@ -53,24 +62,86 @@ class Candidate:
         return max(1, free + self._own) + self.implied
 
     @property
+    def _shape(self) -> list[Free]:
+        """Numbers that nobody states and that are not its strength.
+
+        That is the first one where none is known to make it vanish, as the cut-off of a filter.
+        """
+        free = [f for f in self.free if f.prior is None and f.blow is None]
+        return [f for f in free if f.key not in self.amplitudes] if self.amplitudes else free[1:]
+
+    @property
+    def of_several_shapes(self) -> bool:
+        """Whether several numbers shape it in time: with minima that slopes do not lead to."""
+        return len(self._shape) > 1 and not any(f.key.endswith('.frequency') for f in self._shape)
+
+    @property
     def _own(self) -> int:
         return sum(f.prior is None and f.blow in self.fitted for f in self.free)
 
     def doubt_at(self, values: Mapping[str, float]) -> float:
         """-2 log of its prior probability among its like, with these numbers.
 
-        Above what is usual a number is less likely, by the root of how much larger it is.
+        Above what is usual a number is less likely, by the root of how much larger it is. A filter
+        of samples does next to nothing as its cut-off nears half their rate: of all that anybody
+        would choose, few lie where its delay is as small as that (the density of the logarithm
+        of that delay, where that of the cut-off has the same everywhere).
         """
         beyond = (max(1.0, values[key] / most) for key, most in self.usual.items())
-        return self.doubt + sum(map(math.log, beyond))
+        turns = (2.0 * math.pi * values[key] / rate for key, rate in self.sampled.items())
+        dense = (math.sin(x) / x for x in turns)
+        return self.doubt + sum(map(math.log, beyond)) - 2.0 * sum(map(math.log, dense))
 
-    def price(self, gain: float, samples: int) -> float:
-        """Fall of chi-square that its numbers cost, of the ``gain`` that it brings."""
-        return price(gain, self.cost - self._own, self._own, samples)
+    def price(self, gain: float, joint: Fit) -> float:
+        """Fall of chi-square that its numbers cost, of the ``gain`` that it brings.
+
+        ``joint``: a fit with it. Its strength, of which anything is credible, costs what a number
+        costs that all samples tell; what shapes it no more than the fit tells of it.
+        """
+        samples = joint.layout.size
+        own = self._own
+        dear = price(gain, self.cost - own, own, samples)
+        shape = self._shape
+        if not shape:
+            return dear
+        told = _told(joint, shape, np.array([_spread(f) for f in shape]))
+        return dear - len(shape) * math.log(max(samples, 2)) + told
+
+    def price_beyond_plain(self, joint: Fit) -> float:
+        """Fall of chi-square that what it has beyond a law of one number costs.
+
+        Its further strengths may be anything up to the sum of all; what shapes it as in
+        :meth:`price`. None costs more than a number that all samples tell.
+        """
+        further = [f for f in self.free if f.key in self.amplitudes][1:]
+        total = sum(abs(joint.values[key]) for key in self.amplitudes)
+        spreads = [total / math.sqrt(12.0)] * len(further) + [_spread(f) for f in self._shape]
+        return _told(joint, [*further, *self._shape], np.array(spreads))
 
     def extend(self, model: ImpactModel) -> ImpactModel:
         """The model with this candidate in it."""
         return model.extended(free=self.free, effects=self.effects, constants=self.constants)
+
+
+def _told(joint: Fit, numbers: Sequence[Free], spread: Array) -> float:
+    """What numbers cost by what a fit tells of them; none more than one that all samples tell.
+
+    ``spread``: their standard deviations before anything was measured, shape as ``numbers``.
+    """
+    places = [joint.model.index(f.key) for f in numbers]
+    covariance = joint.covariance()[np.ix_(places, places)]
+    there = np.flatnonzero(np.diag(covariance) > 0.0)  # nothing depends on the others
+    cost = shape_price(covariance[np.ix_(there, there)], spread[there])
+    return min(cost, len(numbers) * math.log(max(joint.layout.size, 2)))
+
+
+def _spread(number: Free) -> float:
+    """Standard deviation of a number before anything is measured; as it is fitted."""
+    lower, upper = number.bounds
+    width = upper - lower
+    if not math.isfinite(width):
+        width = _DECADES * math.log(10.0) if number.logarithmic else math.inf
+    return width / math.sqrt(12.0)
 
 
 def kin_of(candidate: Candidate) -> tuple[str, ...]:

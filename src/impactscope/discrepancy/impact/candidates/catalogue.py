@@ -182,7 +182,9 @@ def _starts(
         elif p.name == _VANISHES.get(kind.name):
             values = (100.0,)  # its strength is found by scaling
         elif p.name == 'start' and kind.name == 'external_push':
-            values = (0.0, 0.05, 0.15)
+            values = (0.0, 0.015, 0.05, 0.15)
+        elif p.name == 'rise':
+            values = (0.01, 0.03, 0.1)
         elif p.name == 'frequency':
             channel = 'acceleration.base' if 'base' in kind.name else 'acceleration.impactor'
             values = tuple(dict.fromkeys((*scales.resonances.get(channel, ()), *_RINGS)))

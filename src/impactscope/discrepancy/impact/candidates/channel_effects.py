@@ -96,6 +96,7 @@ def _low_pass(
         starts=tuple({key: f} for f in cutoffs),
         channel=channel,
         doubt=_ORDER_DOUBT * (order - 1),
+        sampled={key: rate},
     )
 
 
@@ -119,6 +120,7 @@ def _low_pass_ahead(
         constants=constants,
         amplitudes={number.key: math.inf},  # far above the signal it does next to nothing
         usual={number.key: rate},
+        sampled={},
     )
 
 

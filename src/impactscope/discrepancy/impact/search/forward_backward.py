@@ -299,6 +299,14 @@ class Search:
                 outcome.final, outcome.tests, outcome.p_value = outcome.baseline, tests, 1.0
                 return
         if chance > self.thresholds.false_finding and not structural and not outcome.doubted:
+            if len(outcome.accepted) == 1:  # held-out recordings may yet bear it out
+                (alone,) = outcome.accepted
+                found = dataclasses.replace(outcome.found[alone.label], fit=final)
+                outcome.last = [
+                    weigh(f.candidate, f.fit, outcome.baseline, outcome.looks)
+                    for f in (found, *outcome.rivals.get(alone.label, ()))
+                    if f.fit.layout.size == final.layout.size
+                ]
             outcome.accepted.clear()
             outcome.final, outcome.tests = outcome.baseline, None
             outcome.p_value = chance
@@ -390,8 +398,7 @@ class Search:
         listed = candidates(start, self.baseline_names)
         names = {c.name for c in outcome.accepted}
         others = [c for c in listed if c.name not in names]
-        size = current.layout.size
-        price = sum(c.price(outcome.found[c.label].gain, size) for c in outcome.accepted)
+        price = sum(c.price(outcome.found[c.label].gain, current) for c in outcome.accepted)
         gain = (start.chi_square - current.chi_square) / max(1.0, current.reduced)
         # each further finding was chosen among all candidates, which one alone was but once
         chosen = 2.0 * math.log(len(listed)) * (len(outcome.accepted) - 1)

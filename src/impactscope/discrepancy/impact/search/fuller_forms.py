@@ -120,7 +120,6 @@ def law_in_place_of_two(
     if len(outcome.accepted) < 2:
         return None
     listed = candidates(outcome.baseline, baseline_names)
-    samples = current.layout.size
     names = {c.name for c in outcome.accepted}
     for plain, other in itertools.permutations(outcome.accepted, 2):
         first, beyond = (outcome.found.get(c.label) for c in (plain, other))
@@ -131,7 +130,7 @@ def law_in_place_of_two(
             continue  # what is left of a law is little beside what was found of it
         without = outcome.model_with(c for c in outcome.accepted if c not in (plain, other))
         gain = first.gain + beyond.gain
-        price = plain.price(first.gain, samples) + other.price(beyond.gain, samples)
+        price = plain.price(first.gain, current) + other.price(beyond.gain, current)
         price += 2.0 * math.log(len(listed))
         best: Found | None = None
         for law in listed:
@@ -140,7 +139,7 @@ def law_in_place_of_two(
             made = from_within(current, without, plain, law)
             if made is None:
                 continue
-            criterion = law.price(gain, samples) - evidence_for(made, current)
+            criterion = law.price(gain, made) - evidence_for(made, current)
             if criterion < min(price, math.inf if best is None else best.criterion):
                 best = Found(law, made, gain, first.p_value, criterion)
         if best is None:
@@ -169,7 +168,7 @@ def filter_in_place_of_two(current: Fit, outcome: Outcome) -> Fit | None:
     model = outcome.model_with(c for c in outcome.accepted if c not in (wrong, clock))
     first, beyond = outcome.found[wrong.label], outcome.found[clock.label]
     gain = max(first.gain, beyond.gain)
-    dearer = clock.price(beyond.gain, current.layout.size)
+    dearer = clock.price(beyond.gain, current)
     best: Found | None = None
     for candidate, cutoff in _filters_like(wrong, clock, current):
         extended = candidate.extend(model)

@@ -23,7 +23,7 @@ from impactscope.discrepancy.impact.search.prediction_misfit import (
     further_misfit,
     prediction_misfit,
 )
-from impactscope.discrepancy.impact.search.pruning import drop_idle
+from impactscope.discrepancy.impact.search.pruning import drop_idle, join_relatives
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
@@ -55,10 +55,12 @@ def check_held_out(
     before = len(outcome.accepted)
     _confirm(outcome, thresholds, most)
     if 0 < before < len(outcome.accepted):
-        confirmed = outcome.final
+        borne_out = outcome.final
         drop_idle(outcome, thresholds, window)
-        if outcome.final is not confirmed:
+        if outcome.final is not borne_out:
             outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
+    for confirmed in outcome.accepted[before:]:
+        join_relatives(outcome, confirmed)
     _drop_contradicted(outcome, thresholds)
     _weigh_rivals(outcome, thresholds)
     _by_name(outcome)
@@ -142,7 +144,7 @@ def _weighed_together(
 
     def cost(found: Found, own: Fit, predicted: Fit) -> float:
         together = fit_together(own, predicted, [*outcome.accepted[:-1], found.candidate])
-        return math.inf if together is None else _cost(outcome, mine, found.candidate, together)
+        return math.inf if together is None else _cost(outcome, mine, found, together)
 
     weighed: dict[int, tuple[Found, Fit]] = {}
     known = cost(mine, final, held_out)
@@ -159,11 +161,11 @@ def _weighed_together(
     return weighed
 
 
-def _cost(outcome: Outcome, mine: Found, candidate: Candidate, fitted: Fit) -> float:
+def _cost(outcome: Outcome, mine: Found, found: Found, fitted: Fit) -> float:
     """Chi-square of a fit in a finding's place, its numbers' price and its doubt on top."""
-    priced = candidate.price(mine.gain, outcome.final.layout.size)
+    priced = found.candidate.price(mine.gain, found.fit)
     spread = max(1.0, outcome.final.reduced)
-    return fitted.chi_square / spread + priced + candidate.doubt_at(fitted.values)
+    return fitted.chi_square / spread + priced + found.candidate.doubt_at(fitted.values)
 
 
 def _predicted(
@@ -225,7 +227,7 @@ def _by_name(outcome: Outcome) -> None:
     mine = dataclasses.replace(outcome.found[candidate.label], fit=outcome.final)
 
     def cost(form: Found) -> float:  # anew: rivals were weighed in other fits
-        return _cost(outcome, mine, form.candidate, form.fit)
+        return _cost(outcome, mine, form, form.fit)
 
     forms: dict[str, list[Found]] = {}
     for form in (mine, *rivals):
@@ -309,8 +311,12 @@ def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
         best, predicted = min(able, key=lambda pair: pair[0].criterion)
         outcome.accepted.append(best.candidate)
         outcome.found[best.candidate.label] = best
+        told = next(f for f in outcome.last if f.candidate is best.candidate)
+        more = best.gain - told.gain  # what its rivals predict is weighed beside what it does
         outcome.rivals[best.candidate.label] = [
-            f for f in outcome.last if f.candidate is not best.candidate
+            dataclasses.replace(f, criterion=f.criterion - more)
+            for f in outcome.last
+            if f.candidate is not best.candidate
         ]
         outcome.p_value = min(outcome.p_value, best.p_value)
         outcome.final, outcome.held_out_final = best.fit, predicted

@@ -175,6 +175,8 @@ class JointFits:
 
         def refined(found: Sequence[Trial]) -> Trial:
             best = screening.best_refined(found)
+            if found[0].x is not best.x and found[0].candidate.of_several_shapes:
+                best = dataclasses.replace(best, plain=found[0].x)
             # at full strength bounces need more re-tuning than a linear one: what it was when
             # weak counts, too
             if best.gain > found[0].gain:
@@ -211,6 +213,9 @@ class JointFits:
             seen[kind] = seen.get(kind, 0) + 1
             try:
                 joint = fit(trial.model, current.layout, trial.x, settled=0.1, near=current)
+                if trial.plain is not None and not strong:
+                    plain = fit(trial.model, current.layout, trial.plain, settled=0.1)
+                    joint = min(joint, plain, key=lambda f: f.chi_square)
             except ImpactscopeError:
                 continue
             astray = current.chi_square - joint.chi_square < _KEPT * trial.gain

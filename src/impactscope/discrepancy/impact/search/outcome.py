@@ -112,7 +112,7 @@ def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
     gain = evidence_for(joint, current)
     places = _places(candidate, joint)
     samples = joint.layout.size
-    criterion = information(candidate.price(gain, samples) - gain, 0, samples, places)
+    criterion = information(candidate.price(gain, joint) - gain, 0, samples, places)
     chance = chance_of(candidate, joint, gain, looks)
     criterion += candidate.doubt_at(joint.values)
     # a line of any frequency, each recording with its own phase, must pay for all

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.discrepancy.evidence import family_p_value, information, least_gain
+from impactscope.discrepancy.evidence import family_p_value, least_gain
 from impactscope.discrepancy.impact.candidates.candidate import Candidate, stronger
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
 from impactscope.discrepancy.impact.search.outcome import evidence_for
@@ -77,13 +77,14 @@ def pairs(
             continue
         cost = sum(t.candidate.cost for t in both)
         gain = evidence_for(joint, current)
+        priced = sum(t.candidate.price(gain, joint) for t in both)
         found.append(
             Pair(
                 (both[0].candidate, both[1].candidate),
                 joint,
                 gain,
                 family_p_value(gain, cost, looks_at_pairs),
-                information(-gain, cost, joint.layout.size),
+                priced - gain,
             )
         )
     found.sort(key=lambda p: p.criterion)

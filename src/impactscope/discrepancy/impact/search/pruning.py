@@ -30,7 +30,7 @@ from impactscope.discrepancy.impact.search.strong_effects import (
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['at_bottom', 'drop_idle', 'no_weight_along', 'one_for_two', 'prune']
+__all__ = ['at_bottom', 'drop_idle', 'join_relatives', 'no_weight_along', 'one_for_two', 'prune']
 
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
 _RIVALS = 3  # that are
@@ -38,6 +38,7 @@ _AS_MUCH = 3.0  # of chi-square, by which an explanation that is as good may be 
 _AHEAD = 0.5  # of the criterion, from which a rival takes a finding's place
 _DEEPER = 1.0  # of chi-square, by which another minimum has to be lower
 _TIED = 8.0  # of the criterion, within which one explanation does as well as another
+_RICHER = 2.0 * math.log(3.0)  # of the criterion: of a law and its plain form this is likelier
 _STARTS = 2  # of a relative
 _AS_STATED = 1.0  # standard deviations within which a number is the stated one
 _LOST = 2.0  # reduced chi-square, over that of a finding, of a fit that has lost its way
@@ -186,8 +187,11 @@ def at_bottom(item: Found, most: float) -> Found:
     fallen = (found.chi_square - best.chi_square) / max(1.0, best.reduced)
     if fallen < _DEEPER:
         return item
+    dearer = item.candidate.price(item.gain, best) - item.candidate.price(item.gain, found)
+    if dearer > fallen:  # a narrow minimum may be lower than a wide one and no likelier
+        return item
     return dataclasses.replace(
-        item, fit=best, gain=item.gain + fallen, criterion=item.criterion - fallen
+        item, fit=best, gain=item.gain + fallen, criterion=item.criterion - fallen + dearer
     )
 
 
@@ -199,7 +203,6 @@ def one_for_two(outcome: Outcome) -> bool:
     for their numbers and the choice of a further one.
     """
     final = outcome.final
-    size = final.layout.size
     for pair in itertools.combinations(outcome.accepted, 2):
         of_both = _rivals_of_both(outcome, *pair)
         if not of_both or not time_left('one effect in place of two'):
@@ -207,7 +210,7 @@ def one_for_two(outcome: Outcome) -> bool:
         rest = [c for c in outcome.accepted if c not in pair]
         without = with_findings(outcome, rest, final.layout)
         gain = evidence_for(final, without)
-        price = sum(c.price(gain, size) + c.doubt_at(final.values) for c in pair)
+        price = sum(c.price(gain, final) + c.doubt_at(final.values) for c in pair)
         reached = price + 2.0 * math.log(outcome.looks) - gain
         screening = Screening(without)
         found: list[Found] = []
@@ -308,23 +311,36 @@ def _instead(
 def _against(candidate: Candidate, other: Fit, found: Found, final: Fit) -> tuple[float, float]:
     """What another candidate leaves more than a finding, and what it costs more.
 
-    A law that contains another one is asked whether chance would gain as much by its further
-    numbers, not whether these pay for all samples: of two laws of one kind neither is likelier
-    from the outset.
+    A law that contains another one need not pay for all samples: of two laws of one kind neither
+    is likelier from the outset but for the choice of the richer one. Where chance would hardly
+    gain as much by its further numbers it stands in any case.
     """
     mine = found.candidate
-    least = Thresholds().false_finding
     doubt = candidate.doubt_at(other.values) - mine.doubt_at(final.values)
-    more = candidate.cost - mine.cost
     if contains(candidate, mine):
-        return -evidence_for(other, final), least_gain(more, 1, least) + doubt
+        return -evidence_for(other, final), _beyond_plain(candidate, mine, other) + doubt
     if contains(mine, candidate):
-        return evidence_for(final, other), doubt - least_gain(-more, 1, least)
+        return evidence_for(final, other), doubt - _beyond_plain(mine, candidate, final)
     spread = max(1.0, min(other.reduced, final.reduced))
     worse = (other.chi_square - final.chi_square) / spread
-    size = final.layout.size
-    dearer = candidate.price(found.gain - worse, size) - mine.price(found.gain, size)
+    dearer = candidate.price(found.gain - worse, other) - mine.price(found.gain, final)
     return worse, dearer + doubt
+
+
+def join_relatives(outcome: Outcome, candidate: Candidate) -> None:
+    """What is of one family with a finding among its rivals, where it was not fitted yet."""
+    mine, rivals = outcome.found[candidate.label], outcome.rivals[candidate.label]
+    rest = [c for c in outcome.accepted if c is not candidate]
+    near = [f for f in (mine, *rivals) if f.criterion < mine.criterion + _TIED]
+    known = {f.candidate.name for f in rivals}
+    rivals = [*rivals, *_relatives(outcome, mine, rest, near, known)]
+    outcome.rivals[candidate.label] = sorted(rivals, key=lambda f: f.criterion)
+
+
+def _beyond_plain(law: Candidate, plain: Candidate, joint: Fit) -> float:
+    """Fall of chi-square that a law has to bring beyond a plain one that it contains."""
+    least = least_gain(law.cost - plain.cost, 1, Thresholds().false_finding)
+    return min(least, law.price_beyond_plain(joint) + _RICHER)
 
 
 def _relatives(
@@ -359,9 +375,12 @@ def _relatives(
         best = screening.best_refined(tried[:_STARTS])
         bent = without.reduced > _LOST and not candidate.channel
         able = bent or contains(candidate, mine.candidate)  # which has a start from the finding
-        if best.gain < _PROMISING * mine.gain and not able:
+        wanted_gain = min(_PROMISING * mine.gain, mine.gain - _CLOSE)
+        if best.gain < wanted_gain and not able:
             continue  # tried at numbers that are bent, a trial says nothing of a force
-        item = _instead(outcome, mine, rest, candidate, best.model.values(best.x))
-        if item is not None:
-            found.append(item)
+        starts = [best, tried[0]] if candidate.of_several_shapes else [best]
+        values = [t.model.values(t.x) for t in starts]
+        items = [_instead(outcome, mine, rest, candidate, known) for known in values]
+        able_to = [item for item in items if item is not None]
+        found += sorted(able_to, key=lambda f: f.criterion)[:1]
     return found

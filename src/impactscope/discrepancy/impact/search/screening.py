@@ -67,6 +67,7 @@ class Trial:
     weak: Mapping[str, float] = field(default_factory=dict)
     one_sided: bool = False  # whether its strength has one sign only
     by_slope: Array | None = None  # another start, of which slopes promise the gain
+    plain: Array | None = None  # another start: as it was before its numbers were adjusted
 
 
 class Screening:
