@@ -167,6 +167,29 @@ def test_a_finding_at_the_end_of_what_is_credible_is_not_the_likelier_one(
     assert said.instead is instead
 
 
+@pytest.mark.parametrize(
+    ('others', 'instead'),
+    [
+        ({'a further mode at 12 Hz': 409.5, 'a further mode at 6.2 Hz': 380.0}, True),
+        ({'a further mode at 12 Hz': 409.5, 'a further mode at 6.2 Hz': 406.0}, False),
+        ({'a line at 3 Hz': 409.0}, True),
+    ],
+)
+def test_a_resonance_that_may_be_anywhere_is_not_the_law_of_two_effects(
+    monkeypatch, others, instead
+):
+    """Above all motion it is a stiffness and a delay, whichever frequency it is given."""
+    mode = UnmodelledLaw('a further mode at 10.9 Hz', 410.0, 1)
+    listed = [mode, *(UnmodelledLaw(name, gain, 1) for name, gain in others.items())]
+    none, best = fitted((), 0), fitted(('restoring_force', 'clock_error'), 4)
+    left = UnmodelledLaw('a stiffness that swings', 5.0, 2)
+    monkeypatch.setattr(module, 'unmodelled_laws', lambda *a: listed if a[2] is none else [left])
+    segments = [SimpleNamespace(held_out=False)]
+    said = verdict(None, None, none, best, (420.0, 420.0), segments)
+    assert said.instead is instead
+    assert said.left is instead
+
+
 def test_two_effects_that_tell_more_than_a_law_stay(monkeypatch):
     said = decided(monkeypatch, (410.0, 5.0), 450.0, ('base_compliance', 'clock_error'), 4)
     assert not said.left

@@ -53,6 +53,7 @@ BESIDE = (
 LONE, TOLD = 6, 4.0  # samples that may stand out, and the chi-square that each of them may tell
 LEAST_TO_SHAPE = 14.0  # worth of a law, from which its shape is sought further
 SHAPE_STEP, SHAPES = 0.2, 80  # first step, in logarithms, and shapes at most
+OCTAVE, RESOLVED = 1.6, 9.0  # ratio of two frequencies, and the chi-square that tells them apart
 MARGIN = 10.0  # chi-square by which a law beyond the vocabulary must be the better explanation
 # share of what a law explains alone, by which a finding and a law beside it must explain more to
 # stand together
@@ -292,6 +293,25 @@ def _strained(best: Fit, baseline: Fit) -> bool:
     )
 
 
+def _resolved(law: UnmodelledLaw, listed: Sequence[UnmodelledLaw]) -> bool:
+    """Whether the recordings tell at which frequency a law acts, to a factor of ``OCTAVE``.
+
+    A resonance that might as well be anywhere has not been seen: far above or below the motion it
+    is a stiffness, a mass, a delay, and stands for several effects by having no law of its own.
+    """
+    kind, _, place = law.law.partition(' at ')
+    if not place.endswith(' Hz'):
+        return True
+    frequency = float(place.removesuffix(' Hz'))
+    return not any(
+        other.law.startswith(f'{kind} at ')
+        and abs(math.log(float(other.law.rpartition(' at ')[2].removesuffix(' Hz')) / frequency))
+        > math.log(OCTAVE)
+        and other.gain > law.gain - RESOLVED
+        for other in listed
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
     """Whether something from outside the vocabulary is at work.
@@ -331,28 +351,29 @@ def verdict(
     known = {term.name for term in (model.terms if best is baseline else best.terms)}
     known -= {term.name for term in baseline.terms}
 
-    def sought(made: Fit) -> UnmodelledLaw:
+    def sought(made: Fit) -> tuple[UnmodelledLaw, bool]:
         there = settled(made) if settled is not None else (made, segments)
         listed = unmodelled_laws(laws, model, *there)
         # beside what was found even the same law says more; in its place it says the same
         beside = made is best is not baseline
         other = (law for law in listed if beside or law.case_of not in known)
-        return next(other, listed[0])
+        strongest = next(other, listed[0])
+        return strongest, _resolved(strongest, listed)
 
-    alone = sought(baseline)
+    alone, resolved = sought(baseline)
     if best is baseline:
         # beside findings all laws count that may be: there their own errors look like laws, too
         alone = alone.among_tried
         left = alone.p_value < FALSE
         return Verdict(left, left, alone, 1.0 - alone.p_value if left else 0.0)
-    beside = sought(best)
+    beside, _ = sought(best)
     added = fitted_numbers(best, segments) - fitted_numbers(baseline, segments)
     # dispersions are known to some tens of per cent: a law must be ahead with them and without
     plain = alone.gain if alone.plain is None else alone.plain
     ahead = alone.worth - equivalent_gain(gain[0], added)
     ahead = min(ahead, equivalent_gain(plain, alone.numbers) - equivalent_gain(gain[1], added))
     # a law is paid for by its looks; of several effects each was chosen among many, too
-    several = len(best.terms) - len(baseline.terms) - 1
+    several = len(best.terms) - len(baseline.terms) - 1 if resolved else 0
     ahead += 2.0 * math.log(EFFECTS) * max(several, 0)
     # a finding that has to be as no such thing is, within what the data would have it be, is not
     # the likelier one for being listed

@@ -162,13 +162,24 @@ class NoiseJudge(Judge):
 
     def better(self, small: Fit, large: Fit) -> bool:
         """Whether the larger model is to be believed."""
+        return self._believed(small, large, self.looks)
+
+    def fuller(self, plain: Fit, law: Fit) -> bool:
+        """Whether a law that contains another one is to be believed in its place.
+
+        Of two laws of one kind neither is likelier from the outset, and no others were looked at:
+        it is asked whether chance would gain as much by its further numbers.
+        """
+        return self._believed(plain, law, 1)
+
+    def _believed(self, small: Fit, large: Fit, places: int) -> bool:
         if degenerate(large):
             return False
         gain = self.gain(small, large)
         if gain.held_out_worse or gain.fitted < -1e-9:
             return False
         gain = self.worth(small, large)
-        looks = round(self.looks * _looks(small, large))
+        looks = round(places * _looks(small, large))
         least = least_gain(max(gain.numbers, 1), looks, self.thresholds.false_finding)
         if reduced(self, large) < SOUND and reduced(self, small) > UNSOUND:
             return gain.total > least  # no error of a law is explained to the noise

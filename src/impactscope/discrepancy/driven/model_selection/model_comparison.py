@@ -168,6 +168,10 @@ class Judge:
             return False
         return gain.total > self.needed(gain)
 
+    def fuller(self, plain: Fit, law: Fit) -> bool:
+        """Whether a law that contains another one is to be believed in its place."""
+        return self.better(plain, law)
+
     def criterion(self, fit: Fit, reference: Fit) -> float:
         """Information criterion of a fit against a reference: smaller is better.
 

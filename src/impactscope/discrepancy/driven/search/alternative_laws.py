@@ -99,7 +99,7 @@ def plain_friction(fits: Fits, best: Fit, judge: Judge) -> Fit:
     excess = sum(best.values[key(old, n)] for n in old.numbers if n.name == 'excess_force')
     initial = {key(plain, plain.numbers[0]): sum(forces) / len(forces) + 0.5 * excess}
     made = fits.once_more(best, (*rest, plain), initial)
-    return best if judge.better(made, best) else made
+    return best if judge.fuller(made, best) else made
 
 
 def other_friction(fits: Fits, best: Fit, judge: Judge) -> Fit:
