@@ -4,11 +4,13 @@ import re
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from impactscope import cli
+from impactscope.cli.explain import print_answer
 from impactscope.configuration import bags_folder
 from impactscope.drivers.simulated import write_simulation
 from impactscope.recordings import RecordingWriter, open_recording
@@ -290,6 +292,39 @@ def test_conceal_hides_nothing_on_request(capsys, tmp_path):
     sizes = ('--blows', '2', '--sample-rate', '1000', '--duration', '0.4')
     assert run(capsys, 'conceal', 'none', '-o', tmp_path / 'clean', *sizes)[0] == 0
     assert (tmp_path / 'clean' / 'campaign.yaml').exists()
+
+
+def test_what_recordings_rule_out_is_told_by_its_name_alone(capsys):
+    def finding(name, probability, channel=''):
+        size = SimpleNamespace(value=2.5, std=0.1, unit='N')
+        return SimpleNamespace(
+            name=name,
+            probability=probability,
+            channel=channel,
+            parameters={'force': size},
+            confused_with=(),
+        )
+
+    print_answer(
+        SimpleNamespace(
+            summary=lambda: 'Dry friction.',
+            accepted=('coulomb_friction',),
+            ranking=(
+                finding('coulomb_friction', 0.9),
+                finding('stribeck_friction', 0.03),
+                finding('saturation', 1e-4, 'force'),
+                finding('end_stop', 0.0),
+            ),
+            fit=SimpleNamespace(baseline=SimpleNamespace(rmse={}), extended=None),
+            notes=(),
+            next_tests=(),
+        )
+    )
+    out = capsys.readouterr().out
+    assert 'found coulomb_friction: probability 0.900; force 2.50 ± 0.20 N' in out
+    assert 'tried stribeck_friction: probability 0.030; force 2.50 ± 0.20 N' in out
+    assert 'ruled out: saturation of force, end_stop' in out
+    assert out.count('2.50') == 2
 
 
 def test_a_campaign_is_checked_without_a_search(capsys, tmp_path):

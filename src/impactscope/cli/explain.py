@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ['explain', 'print_answer', 'print_campaign']
 
+_RULED_OUT = 5e-4  # probability, less than which reads 0.000
+
 
 def explain(
     campaign: Annotated[Path, typer.Argument(help='Folder with campaign.yaml and recordings.')],
@@ -117,19 +119,25 @@ def print_answer(answer: 'Answer') -> None:
     Numbers with their expanded uncertainty, k = 2.
     """
     out.print(f'[bold]{escape(answer.summary())}[/bold]')
+    ruled_out: list[str] = []
     for finding in answer.ranking[:5]:
+        place = f' of {finding.channel}' if finding.channel else ''
+        if finding.name not in answer.accepted and finding.probability < _RULED_OUT:
+            ruled_out.append(finding.name + place)
+            continue
         mark = 'found' if finding.name in answer.accepted else 'tried'
         values = ', '.join(
             f'{name} {_value_of(item.value, item.std, item.unit)}'
             for name, item in finding.parameters.items()
         )
-        place = f' of {finding.channel}' if finding.channel else ''
         out.print(
             f'  {mark} {escape(finding.name + place)}: probability {finding.probability:.3f}'
             f'{escape("; " + values) if values else ""}'
         )
         if finding.confused_with and mark == 'found':
             out.print(f'        cannot be told from: {escape(", ".join(finding.confused_with))}')
+    if ruled_out:
+        out.print(f'  ruled out: {escape(", ".join(dict.fromkeys(ruled_out)))}')
     _print_fit(answer)
     for note in answer.notes:
         out.print(f'note: {escape(note)}')
