@@ -76,7 +76,7 @@ def test_plain_friction_is_tried_again_where_it_had_stood_still(again, taken):
             began.append(initial)
             return SimpleNamespace(terms=terms, left=again)
 
-    judge = SimpleNamespace(better=lambda small, large: large.left < small.left)
+    judge = SimpleNamespace(fuller=lambda small, large: large.left < small.left)
     found = plain_friction(Tried(), best, judge)
     assert (found is not best) is taken
     assert began == [{'coulomb_friction.force': pytest.approx(0.5)}]

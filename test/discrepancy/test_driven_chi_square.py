@@ -2,7 +2,11 @@
 
 from types import SimpleNamespace
 
-from impactscope.discrepancy.driven.model_selection.chi_square import degenerate
+import pytest
+
+from impactscope.discrepancy.driven.model_selection import chi_square as module
+from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge, degenerate
+from impactscope.discrepancy.driven.model_selection.model_comparison import Gain
 from impactscope.discrepancy.driven.models.channel_effects import channel_terms
 from impactscope.discrepancy.driven.models.terms import key
 
@@ -25,3 +29,27 @@ def test_numbers_that_all_recordings_share_may_be_as_small_as_they_like():
         if not term.own:
             values = {key(term, n): n.lower for n in term.numbers}
             assert not degenerate(SimpleNamespace(terms=(term,), values=values))
+
+
+@pytest.mark.parametrize(
+    ('gain', 'numbers', 'believed', 'in_its_place'),
+    [
+        (8.0, 2, False, False),
+        (15.0, 2, False, True),  # chance gives 11.6 in 3 of 1000 cases, the best of sixty 19.8
+        (30.0, 2, True, True),
+        (10.0, 1, False, True),  # 8.8 and 17
+    ],
+)
+def test_a_law_that_contains_another_one_has_that_one_to_beat(
+    monkeypatch, gain, numbers, believed, in_its_place
+):
+    """No others were looked at in its place; of sixty effects the best gains more by chance."""
+    judge = NoiseJudge([])
+    plain = SimpleNamespace(terms=(), values={})
+    law = SimpleNamespace(terms=(), values={})
+    more = Gain(gain, 0.0, False, numbers, 1e4)
+    monkeypatch.setattr(judge, 'gain', lambda *_: more)
+    monkeypatch.setattr(judge, 'worth', lambda *_: more)
+    monkeypatch.setattr(module, 'reduced', lambda *_: 1.0)
+    assert judge.better(plain, law) is believed
+    assert judge.fuller(plain, law) is in_its_place
