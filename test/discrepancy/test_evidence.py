@@ -116,7 +116,7 @@ def test_numbers_of_one_kind_cost_no_more_than_as_many_of_their_own(gain, shared
     assert cost <= price(2.0 * gain, shared, own, samples)
 
 
-@given(st.floats(1e-6, 1e3), st.floats(1e-3, 1e3), st.floats(-0.99, 0.99))
+@given(st.floats(1e-3, 1e3), st.floats(1e-3, 1e2), st.floats(-0.99, 0.99))
 def test_a_shape_costs_what_is_told_of_it(variance, spread, correlation):
     one = np.array([[variance]])
     cost = shape_price(one, np.array([spread]))

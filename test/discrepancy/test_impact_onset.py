@@ -152,5 +152,5 @@ def test_a_recording_that_is_all_blow_tells_nothing_of_the_noise_where_others_do
         values = rings + 0.5 * rng.standard_normal(since.size)
         channels = {'force': ChannelSamples('force', 'N', RATE, 0.0, values)}
         heard.append((CampaignRecording('blow.mcap', channels=channels), before / RATE + 2e-3))
-    noise = _noise(heard, {})['force']
+    noise = _noise(heard, {})[0]['force']
     assert 0.5 / told < noise < 0.5 * told
