@@ -53,7 +53,7 @@ BESIDE = (
 LONE, TOLD = 6, 4.0  # samples that may stand out, and the chi-square that each of them may tell
 LEAST_TO_SHAPE = 14.0  # worth of a law, from which its shape is sought further
 SHAPE_STEP, SHAPES = 0.2, 80  # first step, in logarithms, and shapes at most
-OCTAVE, RESOLVED = 1.6, 9.0  # ratio of two frequencies, and the chi-square that tells them apart
+ELSEWHERE, RESOLVED = 1.6, 9.0  # ratio of two frequencies, and chi-square that tells them apart
 MARGIN = 10.0  # chi-square by which a law beyond the vocabulary must be the better explanation
 # share of what a law explains alone, by which a finding and a law beside it must explain more to
 # stand together
@@ -294,7 +294,7 @@ def _strained(best: Fit, baseline: Fit) -> bool:
 
 
 def _resolved(law: UnmodelledLaw, listed: Sequence[UnmodelledLaw]) -> bool:
-    """Whether the recordings tell at which frequency a law acts, to a factor of ``OCTAVE``.
+    """Whether the recordings tell at which frequency a law acts, to a factor of ``ELSEWHERE``.
 
     A resonance that might as well be anywhere has not been seen: far above or below the motion it
     is a stiffness, a mass, a delay, and stands for several effects by having no law of its own.
@@ -306,7 +306,7 @@ def _resolved(law: UnmodelledLaw, listed: Sequence[UnmodelledLaw]) -> bool:
     return not any(
         other.law.startswith(f'{kind} at ')
         and abs(math.log(float(other.law.rpartition(' at ')[2].removesuffix(' Hz')) / frequency))
-        > math.log(OCTAVE)
+        > math.log(ELSEWHERE)
         and other.gain > law.gain - RESOLVED
         for other in listed
     )
