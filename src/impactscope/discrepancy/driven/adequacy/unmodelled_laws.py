@@ -299,17 +299,19 @@ def _resolved(law: UnmodelledLaw, listed: Sequence[UnmodelledLaw]) -> bool:
     A resonance that might as well be anywhere has not been seen: far above or below the motion it
     is a stiffness, a mass, a delay, and stands for several effects by having no law of its own.
     """
-    kind, _, place = law.law.partition(' at ')
-    if not place.endswith(' Hz'):
-        return True
-    frequency = float(place.removesuffix(' Hz'))
+    kind, frequency = _kind_and_frequency(law)
     return not any(
-        other.law.startswith(f'{kind} at ')
-        and abs(math.log(float(other.law.rpartition(' at ')[2].removesuffix(' Hz')) / frequency))
-        > math.log(ELSEWHERE)
-        and other.gain > law.gain - RESOLVED
-        for other in listed
+        alike == kind
+        and abs(math.log(other / frequency)) > math.log(ELSEWHERE)
+        and gain > law.gain - RESOLVED
+        for (alike, other), gain in ((_kind_and_frequency(o), o.gain) for o in listed)
     )
+
+
+def _kind_and_frequency(law: UnmodelledLaw) -> tuple[str, float]:
+    """What goes like a law of that kind, and at which frequency, Hz; NaN where it has none."""
+    kind, _, place = law.law.partition(' at ')
+    return kind, float(place.removesuffix(' Hz')) if place.endswith(' Hz') else math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -389,7 +391,7 @@ def verdict(
     # what held-out recordings alone have shown is not outweighed by a law that nothing shows
     shown = alone.p_value < FALSE
     clearly = ahead > 0.0 and far and not together and shown
-    same = alone.law.partition(' at ')[0] == beside.law.partition(' at ')[0]
+    same = _kind_and_frequency(alone)[0] == _kind_and_frequency(beside)[0]
     instead = clearly or (needed and same and ahead > -MARGIN)
     left = instead or needed
     chance = 1.0 / (1.0 + math.exp(-min(max(0.5 * ahead, -300.0), 300.0)))

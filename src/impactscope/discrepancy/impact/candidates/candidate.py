@@ -98,14 +98,9 @@ class Candidate:
         ``joint``: a fit with it. Its strength, of which anything is credible, costs what a number
         costs that all samples tell; what shapes it no more than the fit tells of it.
         """
-        samples = joint.layout.size
-        own = self._own
-        dear = price(gain, self.cost - own, own, samples)
-        shape = self._shape
-        if not shape:
-            return dear
-        told = _told(joint, shape, np.array([_spread(f) for f in shape]))
-        return dear - len(shape) * math.log(max(samples, 2)) + told
+        shape, own = self._shape, self._own
+        told = _told(joint, shape, np.array([_spread(f) for f in shape])) if shape else 0.0
+        return told + price(gain, self.cost - own - len(shape), own, joint.layout.size)
 
     def price_beyond_plain(self, joint: Fit) -> float:
         """Fall of chi-square that what it has beyond a law of one number costs.

@@ -158,11 +158,11 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
             f'{campaign.name}: no recording to fit holds a blow that can be used; '
             + ' '.join(notes[:_TOLD])
         )
-    noise, louder = _noise(onsets, campaign.noise_std)
-    colours = _colours(onsets, campaign.noise_std, louder)
+    noise, unlike = _noise(onsets, campaign.noise_std)
+    colours = _colours(onsets, campaign.noise_std, unlike)
     if colours:
         onsets = _seen_again(onsets, {name: colour.std for name, colour in colours.items()})
-        noise, louder = _noise(onsets, campaign.noise_std)
+        noise, unlike = _noise(onsets, campaign.noise_std)
     slower = {n: c for n, c in (slower or {}).items() if n not in campaign.noise_std}
     if slower:
         notes.append(
@@ -173,14 +173,14 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
     colours |= slower
     noise |= {name: colour.std for name, colour in colours.items()}
     moving = _when_moving(onsets, noise, campaign.noise_std)
-    louder = {(file, name): f for (file, name), f in louder.items() if name not in moving}
-    notes += _told_louder(louder)
+    unlike = {(file, name): f for (file, name), f in unlike.items() if name not in moving}
+    notes += _told_unlike(unlike)
     for name, std in moving.items():
         if name in colours:
             white = colours[name].white + std**2 - noise[name] ** 2
             colours[name] = dataclasses.replace(colours[name], white=white)
         noise[name] = std
-    floor = {name: std * _on_average(onsets, name, louder) for name, std in noise.items()}
+    floor = {name: std * _on_average(onsets, name, unlike) for name, std in noise.items()}
     floor |= _seen(onsets, {n: c for n, c in colours.items() if n not in slower}) | moving
     if only_before:
         notes.append(
@@ -195,7 +195,7 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
         blows = []
         for recording, onset in sorted(onsets, key=lambda item: item[0].role is Role.HOLD_OUT):
             doubtful = caught and recording.kind == 'pendulum'
-            own = {name: louder.get((recording.file, name), 1.0) for name in noise}
+            own = {name: unlike.get((recording.file, name), 1.0) for name in noise}
             own_noise = {name: own[name] * std for name, std in noise.items()}
             own_colours = {name: colour.scaled(own[name]) for name, colour in colours.items()}
             blows.append(_blow(recording, onset, own_noise, own_colours, doubtful, told, coarser))
@@ -350,10 +350,10 @@ def _noise(
 ) -> tuple[dict[str, float], dict[tuple[str, str], float]]:
     """White noise of a sample by channel, from what lies before the blows.
 
-    Returns what recordings share, by channel; and of those in which it differs for certain how
-    many times that it is, by file and channel.
+    Returns what recordings share, by channel; and of those that are unlike the others for certain
+    how many times that their noise is, by file and channel.
     """
-    result, louder = {}, {}
+    result, unlike = {}, {}
     for name in CHANNELS:
         if name in stated:
             result[name] = stated[name]
@@ -361,7 +361,7 @@ def _noise(
         heard = [(r.channels[name], onset) for r, onset in onsets if name in r.channels]
         files = [r.file for r, _ in onsets if name in r.channels]
         told = []
-        quietest, before = _quietest(heard)
+        quietest, certain = _quietest(heard)
         for i, quiet, step in quietest:
             sigma = max(noise_std(quiet), step / math.sqrt(12.0))
             if math.isfinite(sigma):
@@ -373,32 +373,32 @@ def _noise(
         stds = np.maximum([sigma for _, sigma, _ in told], least)
         sizes = np.array([size for _, _, size in told])
         result[name], own = shared_and_own(stds, sizes)
-        if before and quietest[0][1].size >= _TELLING:
+        if certain:
             for (file, _, _), std in zip(told, own.tolist(), strict=True):
                 if std != result[name]:
-                    louder[file, name] = std / result[name]
-        else:  # what rings at the end of one is no noise of its own
+                    unlike[file, name] = std / result[name]
+        else:  # what rings, or a few samples, are no noise of their own
             result[name] = math.sqrt(float(sizes @ stds**2) / float(np.sum(sizes)))
-    return result, louder
+    return result, unlike
 
 
-def _told_louder(louder: Mapping[tuple[str, str], float]) -> list[str]:
+def _told_unlike(unlike: Mapping[tuple[str, str], float]) -> list[str]:
     """The note on recordings whose noise is not that of the others."""
-    if not louder:
+    if not unlike:
         return []
-    each = ', '.join(f'{name} of {file} ({f:.2g} times)' for (file, name), f in louder.items())
+    each = ', '.join(f'{name} of {file} ({f:.2g} times)' for (file, name), f in unlike.items())
     return [f'Noise is not the same in all recordings: {each}; each is judged by its own.']
 
 
 def _on_average(
     onsets: Sequence[tuple[CampaignRecording, float]],
     name: str,
-    louder: Mapping[tuple[str, str], float],
+    unlike: Mapping[tuple[str, str], float],
 ) -> float:
     """RMS of the noise of a channel over all recordings, in units of what they share."""
     there = [r for r, _ in onsets if name in r.channels]
     sizes = [r.channels[name].values.size for r in there]
-    squares = [louder.get((r.file, name), 1.0) ** 2 for r in there]
+    squares = [unlike.get((r.file, name), 1.0) ** 2 for r in there]
     return math.sqrt(float(np.average(squares, weights=sizes))) if there else 1.0
 
 
@@ -408,7 +408,7 @@ def _quietest(
     """Samples of a channel that tell its noise, and the step of its converter, by recording.
 
     Those before the blows. Recordings with too few of them are asked only where no other is, and
-    where there are next to none the end of each: it may still ring. Whether it is not the end
+    where there are next to none the end of each: it may still ring. Whether there are enough
     comes last.
     """
     before = [
@@ -422,7 +422,7 @@ def _quietest(
     for least in (_TELLING, _HARDLY_TELLING):
         long = [item for item in before if item[1].size >= least]
         if long:
-            return long, True
+            return long, least == _TELLING
     ends = enumerate(heard)
     return [(i, c.values[-_ENDING:], coarse_step(c, onset)) for i, (c, onset) in ends], False
 
@@ -454,11 +454,11 @@ def _when_moving(
 def _colours(
     onsets: Sequence[tuple[CampaignRecording, float]],
     stated: Mapping[str, float],
-    louder: Mapping[tuple[str, str], float],
+    unlike: Mapping[tuple[str, str], float],
 ) -> dict[str, Colour]:
     """Noise of the channels whose quiet before the blows is not white; as recordings share it."""
     found: dict[str, Colour] = {}
-    quiet = {name: _quiet(onsets, name, louder) for name in CHANNELS if name not in stated}
+    quiet = {name: _quiet(onsets, name, unlike) for name in CHANNELS if name not in stated}
     for beside in (False, True):
         if beside and not found:
             break
@@ -497,9 +497,9 @@ def _seen(
 def _quiet(
     onsets: Sequence[tuple[CampaignRecording, float]],
     name: str,
-    louder: Mapping[tuple[str, str], float] | None = None,
+    unlike: Mapping[tuple[str, str], float] | None = None,
 ) -> dict[float, list[Array]]:
-    """What a channel shows before the blows, by its sample rate; ``louder``: over its noise."""
+    """What a channel shows before the blows, by its sample rate; ``unlike``: over its noise."""
     quiet: dict[float, list[Array]] = {}
     for recording, onset in onsets:
         channel = recording.channels.get(name)
@@ -507,7 +507,7 @@ def _quiet(
             continue
         count = int((onset - 2e-3 - channel.start) * channel.sample_rate)
         before = channel.values[: max(count, 0)]
-        factor = (louder or {}).get((recording.file, name), 1.0)
+        factor = (unlike or {}).get((recording.file, name), 1.0)
         before = before / factor if factor != 1.0 else before
         parts = _about_release(before) if name == 'acceleration.impactor' else [before]
         quiet.setdefault(channel.sample_rate, []).extend(parts)
