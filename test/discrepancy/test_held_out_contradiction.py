@@ -4,6 +4,7 @@ import dataclasses
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from impactscope.discrepancy.evidence import Thresholds
@@ -46,6 +47,7 @@ def formed(name, label, chi_square):
         label=label,
         name=name,
         free=(),
+        cost=1,
         channel='force',
         price=lambda gain, joint: 9.0,
         doubt_at=lambda values: 0.0,
@@ -236,8 +238,9 @@ def test_rivals_of_what_is_confirmed_are_weighed_beside_it(monkeypatch):
     """What the held-out recordings give is told of the rival, too, until it is predicted."""
     outcome = outcome_of(50.0)
     outcome.accepted, outcome.found = [], {}
-    push, spring = found_of(candidate_of('push'), -12.0), found_of(candidate_of('spring'), -11.0)
-    outcome.last = [push, spring]
+    push, spring = formed('push', 'push', 100.0), formed('spring', 'spring', 101.0)
+    push = dataclasses.replace(push, gain=12.0, criterion=-12.0)
+    outcome.last = [push, dataclasses.replace(spring, gain=11.0, criterion=-11.0)]
     related = found_of(candidate_of('relative'), -9.0)
     monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: SimpleNamespace(reduced=1.0))
     monkeypatch.setattr(
@@ -251,11 +254,40 @@ def test_rivals_of_what_is_confirmed_are_weighed_beside_it(monkeypatch):
         changed.rivals[candidate.label].append(related)
 
     monkeypatch.setattr(held_out, 'join_relatives', join)
+    monkeypatch.setattr(held_out, '_by_name', lambda _: None)
     held_out.check_held_out(outcome, Thresholds(), 3)
     assert [c.label for c in outcome.accepted] == ['push']
     assert outcome.found['push'].criterion == -21.0
-    criteria = {f.candidate.label: f.criterion for f in outcome.rivals['push']}
+    rivals = {f.candidate.label: f for f in outcome.rivals['push']}
+    criteria = {label: f.criterion for label, f in rivals.items()}
     assert criteria == {'spring': -20.0 + 20.0, 'relative': -9.0}
+    assert rivals['spring'].gain == 20.0  # which tells what explains as much
+
+
+def test_a_richer_law_than_what_is_confirmed_is_weighed_against_it(monkeypatch):
+    """As independent candidates both paid for all samples, and so twice for the law's second."""
+    outcome = outcome_of(50.0)
+    outcome.accepted, outcome.found = [], {}
+    plain = formed('coulomb_friction', 'even', 100.0)
+    fuller = formed('asymmetric_friction', 'uneven', 100.0)
+    for form, cost in ((plain, 1), (fuller, 2)):
+        form.candidate.channel, form.candidate.cost = '', cost
+        form.candidate.price_beyond_plain = lambda joint: 1.0
+        form.fit.residuals = np.zeros(100)
+    outcome.last = [
+        dataclasses.replace(plain, gain=16.0, criterion=-7.0),
+        dataclasses.replace(fuller, gain=16.0, criterion=2.0),
+    ]
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: SimpleNamespace(reduced=1.0))
+    monkeypatch.setattr(
+        held_out, 'further_misfit', lambda _, after: -9.0 * (after[0] is plain.fit)
+    )
+    monkeypatch.setattr(held_out, 'chance_of', lambda *_: 1e-4)
+    outcome.held_out_final = SimpleNamespace(reduced=1.0)
+    held_out._confirm(outcome, Thresholds(), 3)
+    (rival,) = outcome.rivals['even']
+    assert rival.gain == outcome.found['even'].gain == 25.0
+    assert rival.criterion == pytest.approx(-16.0 + 1.0 + 2.0 * math.log(3.0))
 
 
 def test_what_one_set_of_numbers_meets_is_not_missing(make_campaign):

@@ -23,7 +23,11 @@ from impactscope.discrepancy.impact.search.prediction_misfit import (
     further_misfit,
     prediction_misfit,
 )
-from impactscope.discrepancy.impact.search.pruning import drop_idle, join_relatives
+from impactscope.discrepancy.impact.search.pruning import (
+    drop_idle,
+    in_the_place_of,
+    join_relatives,
+)
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
@@ -311,12 +315,11 @@ def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
         best, predicted = min(able, key=lambda pair: pair[0].criterion)
         outcome.accepted.append(best.candidate)
         outcome.found[best.candidate.label] = best
-        told = next(f for f in outcome.last if f.candidate is best.candidate)
-        more = best.gain - told.gain  # what its rivals predict is weighed beside what it does
+        # what they predict is weighed beside what this one does, if at all
         outcome.rivals[best.candidate.label] = [
-            dataclasses.replace(f, criterion=f.criterion - more)
+            in_the_place_of(best, best.fit, f.candidate, f.fit, outcome.looks)
             for f in outcome.last
-            if f.candidate is not best.candidate
+            if f.candidate is not best.candidate and f.fit.layout.size == best.fit.layout.size
         ]
         outcome.p_value = min(outcome.p_value, best.p_value)
         outcome.final, outcome.held_out_final = best.fit, predicted

@@ -30,7 +30,15 @@ from impactscope.discrepancy.impact.search.strong_effects import (
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['at_bottom', 'drop_idle', 'join_relatives', 'no_weight_along', 'one_for_two', 'prune']
+__all__ = [
+    'at_bottom',
+    'drop_idle',
+    'in_the_place_of',
+    'join_relatives',
+    'no_weight_along',
+    'one_for_two',
+    'prune',
+]
 
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
 _RIVALS = 3  # that are
@@ -303,8 +311,23 @@ def _instead(
                 other = fuller
     if other is None:
         return None
-    worse, cost = _against(candidate, other, mine, outcome.final)
-    chance = family_p_value(mine.gain - worse, candidate.cost, outcome.looks)
+    return in_the_place_of(mine, outcome.final, candidate, other, outcome.looks)
+
+
+def in_the_place_of(
+    mine: Found, final: Fit, candidate: Candidate, other: Fit, looks: int
+) -> Found:
+    """Another candidate as it was fitted in a finding's place, weighed beside the finding.
+
+    Args:
+        mine: the finding.
+        final: the fit with it.
+        candidate: the other one.
+        other: the fit with that.
+        looks: independent candidates.
+    """
+    worse, cost = _against(candidate, other, mine, final)
+    chance = family_p_value(mine.gain - worse, candidate.cost, looks)
     return Found(candidate, other, mine.gain - worse, chance, mine.criterion + worse + cost)
 
 
