@@ -41,6 +41,15 @@ def then_farther():
     yield time, 6.0 * x, 6.0 * v
 
 
+def setting_in():
+    """Motions from a rest of 0.9 s that set in by the power 3/2: with a kink in their speed."""
+    for time, _, _ in motions():
+        moving = np.clip(time - 0.9, 0.0, None)
+        turn = 2.0 * np.pi * 1.1 / 1.5 * moving
+        x = REACH * np.sin(turn) * np.sqrt(moving / (moving + 0.1))
+        yield time, x, CubicSpline(time, x)(time, 1)
+
+
 def campaign(seed, more=lambda i, t, x, v: 0.0, known=(), still=0.0, courses=motions):
     rng = np.random.default_rng(seed)
     entries, channels = [], {}
@@ -116,6 +125,14 @@ def test_nothing_is_found_and_noise_is_left():
     answer = explain_driven(campaign(11))
     assert answer.accepted == ()
     assert answer.fit.extended.held_out_rmse['force.damper'] == pytest.approx(NOISE, rel=0.05)
+
+
+@pytest.mark.parametrize('seed', [1, 3])
+def test_what_a_smoothed_course_has_lost_of_the_motion_is_no_finding(seed):
+    """Its noise hides a kink that the force shows, and whatever rounds the force explains that."""
+    answer = explain_driven(campaign(seed, courses=setting_in))
+    assert answer.accepted == ()
+    assert any('followed more closely' in note for note in answer.notes)
 
 
 def test_weak_hardening():

@@ -16,6 +16,7 @@ from impactscope.discrepancy.answer import Answer
 from impactscope.discrepancy.campaign import Campaign
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import Verdict, verdict
 from impactscope.discrepancy.driven.data.recordings import Cut, cuts
+from impactscope.discrepancy.driven.data.trajectory import KNOTS
 from impactscope.discrepancy.driven.findings.describe import describe
 from impactscope.discrepancy.driven.findings.effect_and_law import (
     NOISE,
@@ -41,6 +42,7 @@ from impactscope.discrepancy.driven.model_selection.chi_square import (
 )
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
+from impactscope.discrepancy.driven.models.terms import Term
 from impactscope.discrepancy.driven.noise.spectral_whitening import counting_share
 from impactscope.discrepancy.driven.search.beam_search import Outcome
 from impactscope.discrepancy.driven.search.joint_fits import labels_of
@@ -96,6 +98,12 @@ MOSTLY_SLOW = 2.0  # times its changes from sample to sample: what is left is mo
 PROSPECTS, STEPS = 4, 2  # effects that are fitted, each beside the best one before
 MOST_LOOKED_AT = 45_000  # samples of a plate far from its noise that are looked at so
 LEVEL = 0.02  # relative change of the noise's level that matters
+CLOSER = (2.0, 4.0, 8.0)  # times as many knots, in which a finding has to show as well
+STAYS = 0.5  # of its gain
+CLOSER_COURSE = (
+    'The motion has more in it than its own noise lets through: its course is followed more '
+    'closely.'
+)
 NONE_LEFT = 0.1  # of the noise, that a law leaves at least
 
 
@@ -267,7 +275,47 @@ def motion_answer(
         return prescribed_case(whole, device, before, found)
 
     found = _repeated(campaign, case, anew, notes, tell)
+    for times in CLOSER:
+        closer = prescribed_case(whole, device, knots=times * KNOTS)
+        if closer is None or not _rounded_off(case, closer, found.outcome, anew):
+            break
+        if not time_left('courses that follow the motion more closely'):
+            break
+        case = closer
+        found = _repeated(campaign, case, anew, (*notes, CLOSER_COURSE), tell)
     return found.answer, found.sure and not _errs(found.answer)
+
+
+def _rounded_off(
+    case: Case, closer: Case, outcome: Outcome, anew: Callable[[Case, Fit], Case | None]
+) -> bool:
+    """Whether a finding is what a smoothed course has lost of the motion: a closer one has it.
+
+    The motion's noise may hide a kink that its force shows. Whatever rounds the force, too, then
+    explains what is left, as long as the course is as smooth.
+
+    Args:
+        case: with the courses in which something was found.
+        closer: with courses that follow the motion more closely.
+        outcome: what was found.
+        anew: a case once more, its noise known from a fit.
+    """
+    new = [t for t in outcome.best.terms if t.label not in labels_of(outcome.baseline.terms)]
+    shares = []
+    for each in (case, closer) if new else ():
+        made = fit(each.model, outcome.best.terms, each.segments, outcome.best.values)
+        known = anew(each, made) or each
+        shares.append([_gain_by(known, made, t) for t in new])
+    return any(b < STAYS * a for a, b in zip(*shares, strict=True)) if shares else False
+
+
+def _gain_by(case: Case, made: Fit, term: Term) -> float:
+    """Fall of chi-square by one of several effects."""
+    with_it, without = (
+        fit(case.model, terms, case.segments, made.values)
+        for terms in (made.terms, tuple(t for t in made.terms if t is not term))
+    )
+    return case.judge.gain(without, with_it).fitted
 
 
 def chain_answer(

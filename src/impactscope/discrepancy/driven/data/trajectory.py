@@ -28,7 +28,7 @@ from impactscope.discrepancy.driven.data.discontinuities import (
 )
 from impactscope.discrepancy.driven.noise.coloured_noise import Colour, fitted_colour
 
-__all__ = ['Trajectory', 'passed_by_spline', 'trajectory_of']
+__all__ = ['KNOTS', 'Trajectory', 'passed_by_spline', 'trajectory_of']
 
 Array = NDArray[np.float64]
 
@@ -61,13 +61,16 @@ class Trajectory:
     colour: Colour | None = None  # of that noise, over the variance of a sample; None: white
 
 
-def trajectory_of(samples: Array, period: float, order: int) -> Trajectory:
-    """Course through noisy samples, shape (n,), of a position (``order`` 0) or a speed (1)."""
+def trajectory_of(samples: Array, period: float, order: int, knots: float = KNOTS) -> Trajectory:
+    """Course through noisy samples, shape (n,), of a position (``order`` 0) or a speed (1).
+
+    ``knots``: in a period of the highest frequency of the motion.
+    """
     time = period * np.arange(samples.size, dtype=np.float64)
     beside = noise_beside(samples)
     breaks = discontinuities_of(samples, beside)
     top, noise, colour = _band(samples, period)
-    spacing = max(1.0 / (KNOTS * top), 0.0)
+    spacing = max(1.0 / (knots * top), 0.0)
     if spacing < CLOSEST * period:
         if breaks:
             return _broken(samples, period, order, beside, breaks)
@@ -76,8 +79,8 @@ def trajectory_of(samples: Array, period: float, order: int) -> Trajectory:
     else:
         count = max(int(np.ceil(time[-1] / spacing)), 1)
         inner = np.linspace(0.0, time[-1], count + 1)
-        knots = np.concatenate([np.full(DEGREE, 0.0), inner, np.full(DEGREE, time[-1])])
-        spline = make_lsq_spline(time, samples, knots, DEGREE)
+        places = np.concatenate([np.full(DEGREE, 0.0), inner, np.full(DEGREE, time[-1])])
+        spline = make_lsq_spline(time, samples, places, DEGREE)
         breaks = needed(breaks, samples - np.asarray(spline(time)), beside)
         if breaks:
             return _broken(samples, period, order, beside, breaks)

@@ -22,6 +22,7 @@ from impactscope.discrepancy.driven.adequacy.prescribed_laws import prescribed_l
 from impactscope.discrepancy.driven.compiled import compiled
 from impactscope.discrepancy.driven.data.recordings import Cut, derivative_of
 from impactscope.discrepancy.driven.data.trajectory import (
+    KNOTS,
     Trajectory,
     passed_by_spline,
     trajectory_of,
@@ -277,6 +278,8 @@ def prescribed_case(
     parts: Sequence[str],
     found: Case | None = None,
     best: Fit | None = None,
+    *,
+    knots: float = KNOTS,
 ) -> Case | None:
     """A prescribed motion as a case in which noise is all that a right model leaves.
 
@@ -285,12 +288,13 @@ def prescribed_case(
         parts: what the baseline has of stiffness, damping and mass.
         found: a case made before, whose courses are kept.
         best: a fit that leaves less, from which the noise is known better.
+        knots: of the courses, in a period of the highest frequency of the motion.
     """
     if derivative_of(cuts[0].drive_unit) > 1:
         return None
     bands: list[tuple[float, float, Array, Colour | None, NDArray[np.bool_] | None]]
     if found is None:
-        courses = [_course(c) for c in cuts]
+        courses = [_course(c, knots) for c in cuts]
         if not all(np.all(np.isfinite(k.motion)) for k in courses):
             return None
         segments = [_segment(c, k) for c, k in zip(cuts, courses, strict=True)]
@@ -418,9 +422,9 @@ def _muffled(segments: Sequence[Segment]) -> Callable[[Fit], Sequence[float]]:
     return lost
 
 
-def _course(cut: Cut) -> Trajectory:
+def _course(cut: Cut, knots: float) -> Trajectory:
     assert cut.drive is not None  # noqa: S101 - a prescribed motion is always there
-    return trajectory_of(cut.drive, 1.0 / cut.rate, derivative_of(cut.drive_unit))
+    return trajectory_of(cut.drive, 1.0 / cut.rate, derivative_of(cut.drive_unit), knots)
 
 
 def _segment(cut: Cut, course: Trajectory) -> Segment:
