@@ -399,7 +399,7 @@ class Search:
         names = {c.name for c in outcome.accepted}
         others = [c for c in listed if c.name not in names]
         price = sum(c.price(outcome.found[c.label].gain, current) for c in outcome.accepted)
-        gain = (start.chi_square - current.chi_square) / max(1.0, current.reduced)
+        gain = evidence_for(current, start)
         # each further finding was chosen among all candidates, which one alone was but once
         chosen = 2.0 * math.log(len(listed)) * (len(outcome.accepted) - 1)
         reached = price - gain + chosen
