@@ -189,3 +189,12 @@ def test_no_flat_top_is_told_without_steps_or_far_from_what_was_fitted():
     assert flat_top(readings, 0.0, 2.0, 0.1) is None
     assert flat_top(readings, 1.0, 5.0, 0.1) is None
     assert flat_top([readings[0][:-1]], 1.0, 2.0, 0.1) is None
+
+
+@pytest.mark.parametrize('step', [0.2, 0.3, 0.4, 0.6, 0.7])
+def test_noise_of_readings_in_steps(step):
+    """Their quartiles are multiples of the step; what it has rounded has others."""
+    rng = np.random.default_rng(5)
+    told = [noise_std(step * np.round(rng.normal(size=2000) / step)) for _ in range(40)]
+    assert np.mean(told) == pytest.approx(math.hypot(1.0, step / math.sqrt(12.0)), rel=0.015)
+    assert np.std(told) < 0.04

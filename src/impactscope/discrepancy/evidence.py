@@ -221,13 +221,28 @@ def noise_std(samples: Array) -> float:
     if finite.size < 8:
         return math.nan
     difference = finite[2:] - 2.0 * finite[1:-1] + finite[:-2]
-    low, high = np.quantile(difference, [0.25, 0.75])
+    step = quantisation_step(finite)
+    low, high = _quartiles(difference, step)
     scale = float(high - low) / (1.3489795 * math.sqrt(6.0))
     rough = float(np.std(difference)) / math.sqrt(6.0)
-    step = quantisation_step(finite)
     if step > 0.8 * scale:
         return max(rough, step / math.sqrt(12.0))
     return scale
+
+
+def _quartiles(values: Array, step: float) -> tuple[float, float]:
+    """Quartiles; of values on a lattice those of what it has rounded, evenly within each step.
+
+    Their own would be multiples of the step, and a range of five steps be told as four or six.
+    """
+    if not step > 0.0:
+        low, high = np.quantile(values, [0.25, 0.75])
+        return float(low), float(high)
+    level, count = np.unique(np.round(values / step), return_counts=True)
+    below = np.cumsum(count) / values.size
+    edges = np.concatenate([[level[0] - 0.5], level + 0.5])
+    low, high = np.interp([0.25, 0.75], np.concatenate([[0.0], below]), step * edges)
+    return float(low), float(high)
 
 
 def flat_top(
