@@ -1,6 +1,7 @@
 """Candidates that are fitted jointly: those of a shorter window, and those that ring."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.fits.least_squares import at_point, fit, settled
 from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.search import joint_fits
 from impactscope.discrepancy.impact.search.joint_fits import JointFits, _by_slope
-from impactscope.discrepancy.impact.search.outcome import weigh
+from impactscope.discrepancy.impact.search.outcome import Found, weigh
 from impactscope.discrepancy.impact.search.screening import Trial
 from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import BareContact
@@ -58,6 +60,31 @@ def test_what_the_baseline_had_not_reached_is_gained_by_nobody(windows):
     found, _, without = JointFits((), Thresholds(), window=0.02).step(aside, most=1)
     assert without.chi_square == pytest.approx(bottom.chi_square, abs=0.1)
     assert all(f.gain < bottom.chi_square - f.fit.chi_square + 0.2 for f in found)
+
+
+@pytest.mark.parametrize(('numbers', 'fitted'), [(15, 2), (1, 1)])
+def test_what_many_numbers_gain_by_chance_holds_no_other_back(monkeypatch, numbers, fitted):
+    """A hum that is fitted to noise gains more than a weak effect, and is not believed."""
+    current = SimpleNamespace(reduced=1.0, chi_square=1000.0, layout=None)
+
+    def tried(name, cost, gain):
+        candidate = SimpleNamespace(name=name, label=name, channel='', cost=cost)
+        return SimpleNamespace(
+            candidate=candidate, gain=gain, model=None, x=gain, plain=None, by_slope=None
+        )
+
+    def fitted_to(_model, _layout, gain, **_):
+        return SimpleNamespace(chi_square=1000.0 - gain, reduced=1.0)
+
+    monkeypatch.setattr(joint_fits, 'fit', fitted_to)
+    monkeypatch.setattr(
+        joint_fits,
+        'weigh',
+        lambda c, joint, *_: Found(c, joint, 1000.0 - joint.chi_square, 1.0, 0.0),
+    )
+    monkeypatch.setattr(JointFits, '_rung_elsewhere', staticmethod(lambda _c, found, *_: found))
+    trials = [tried('line', numbers, 42.0), tried('number', 1, 21.0)]
+    assert len(JointFits((), Thresholds()).judge(current, trials, 88)) == fitted
 
 
 @pytest.fixture(scope='module')

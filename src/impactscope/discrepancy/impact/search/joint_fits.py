@@ -201,13 +201,14 @@ class JointFits:
             kind = f'{candidate.name}:{candidate.channel}'
             if seen.get(kind, 0) >= (1 if candidate.channel else 3):
                 continue
-            least = least_gain(candidate.cost, looks, self.thresholds.false_finding)
+            least = self._least(candidate, looks)
             if trial.gain < 0.6 * least * spread:
                 continue
             related = candidate.name in kin
-            # what a fit has not borne out holds no other back
-            top = max((f.gain for f in found), default=trial.gain)
-            weak = not strong and trial.gain < top - max(20.0, 0.4 * top)
+            # what a fit has not borne out holds no other back, nor what many numbers gain anyway
+            further = max((f.gain - self._least(f.candidate, looks) for f in found), default=0.0)
+            top = further + least
+            weak = bool(found) and not strong and trial.gain < top - max(20.0, 0.4 * top)
             if (weak or len(found) >= (most or _JOINT)) and not related:
                 continue
             seen[kind] = seen.get(kind, 0) + 1
@@ -238,6 +239,10 @@ class JointFits:
             found += self._delays(current, found[0], looks)
             found.sort(key=lambda f: f.criterion)
         return found
+
+    def _least(self, candidate: Candidate, looks: int) -> float:
+        """Gain from which a candidate counts."""
+        return least_gain(candidate.cost, looks, self.thresholds.false_finding)
 
     @staticmethod
     def _rung_elsewhere(
