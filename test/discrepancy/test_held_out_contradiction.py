@@ -264,6 +264,46 @@ def test_rivals_of_what_is_confirmed_are_weighed_beside_it(monkeypatch):
     assert rivals['spring'].gain == 20.0  # which tells what explains as much
 
 
+def test_a_finding_that_another_replaces_goes_as_it_was_fitted_last(monkeypatch):
+    """Else its fit is of the window in which it was found, and cannot take its place again."""
+    push, weight = formed('external_push', 'push', 100.0), formed('weight', 'weight', 101.0)
+    final = SimpleNamespace(**vars(push.fit))
+    push.fit.layout = SimpleNamespace(size=50)  # a shorter window
+    outcome = Outcome(final, final, [push.candidate])
+    outcome.found['push'] = dataclasses.replace(push, criterion=-41.0)
+    outcome.rivals['push'] = [weight]
+    outcome.held_out_final = SimpleNamespace(reduced=1.0)
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: SimpleNamespace(reduced=1.0))
+    monkeypatch.setattr(held_out, 'further_misfit', lambda *_: -9.0)
+    held_out._weigh_rivals(outcome, Thresholds())
+    assert [c.label for c in outcome.accepted] == ['weight']
+    (rival,) = outcome.rivals['weight']
+    assert rival.fit is final
+
+
+@pytest.mark.parametrize('orientation', [1.0, 0.0])
+def test_what_held_out_recordings_prefer_is_no_weight_along_the_swing(monkeypatch, orientation):
+    push, weight = formed('external_push', 'push', 100.0), formed('gravity_load', 'weight', 101.0)
+    blow = SimpleNamespace(recording=SimpleNamespace(kind='pendulum'))
+    for form in (push, weight):
+        form.fit.model.constants = {'orientation': orientation}
+        form.fit.model.data = SimpleNamespace(held_out=(), blows=[blow])
+        form.fit.layout, form.candidate.channel = push.fit.layout, ''
+    outcome = Outcome(weight.fit, weight.fit, [weight.candidate])
+    outcome.found['weight'], outcome.rivals['weight'] = weight, [push]
+    predicted = {id(push.fit): SimpleNamespace(reduced=1.0, chi_square=90.0)}
+    monkeypatch.setattr(
+        held_out,
+        'held_out_fit',
+        lambda f, *_: predicted.get(id(f), SimpleNamespace(reduced=1.0, chi_square=80.0)),
+    )
+    monkeypatch.setattr(held_out, 'further_misfit', lambda *_: 0.0)
+    held_out.check_held_out(outcome, Thresholds(), 3)
+    pushed = orientation > 0.5
+    assert [c.label for c in outcome.accepted] == (['push'] if pushed else ['weight'])
+    assert (outcome.held_out_final is predicted[id(push.fit)]) is pushed
+
+
 def test_a_richer_law_than_what_is_confirmed_is_weighed_against_it(monkeypatch):
     """As independent candidates both paid for all samples, and so twice for the law's second."""
     outcome = outcome_of(50.0)

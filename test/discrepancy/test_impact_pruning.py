@@ -12,7 +12,7 @@ from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.models.bench_model import Free
 from impactscope.discrepancy.impact.search import forward_backward as searching
 from impactscope.discrepancy.impact.search import pruning
-from impactscope.discrepancy.impact.search.outcome import Found, Outcome
+from impactscope.discrepancy.impact.search.outcome import Found, Outcome, evidence_for
 
 LOAD = 'gravity_load.added_weight'
 
@@ -196,7 +196,10 @@ def test_one_effect_in_place_of_two_counts_from_its_lowest_minimum(
     layout = SimpleNamespace(size=1000)
 
     def at(level: float) -> SimpleNamespace:
-        return SimpleNamespace(chi_square=level, reduced=1.0, values={}, layout=layout)
+        residuals = np.full(1000, np.sqrt(level / 1000))
+        return SimpleNamespace(
+            chi_square=level, reduced=1.0, values={}, layout=layout, residuals=residuals
+        )
 
     current, start = at(100.0), at(200.0)
     outcome = Outcome(start, current, [first, second])
@@ -213,6 +216,38 @@ def test_one_effect_in_place_of_two_counts_from_its_lowest_minimum(
     if not stays:
         assert outcome.accepted == [push]
         assert outcome.found[push.label].fit.chi_square == alone - fallen
+
+
+@pytest.mark.parametrize('lone', [0.0, 60.0])
+def test_few_samples_count_no_more_for_several_findings_than_for_one(
+    monkeypatch: pytest.MonkeyPatch, lone: float
+) -> None:
+    """Two leave 100 of 200, one in their place 101.5; either may take ``lone`` of one sample."""
+    first, second = wrong_number(), dataclasses.replace(wrong_number(), label='another number')
+    push = dataclasses.replace(first, label=PUSH.label, name='a push', parameter='')
+    layout = SimpleNamespace(size=1000)
+
+    def at(level: float, peak: float) -> SimpleNamespace:
+        residuals = np.full(1000, np.sqrt((level - peak) / 1000))
+        residuals[0] = np.sqrt(residuals[0] ** 2 + peak)
+        return SimpleNamespace(
+            chi_square=level, reduced=1.0, values={}, layout=layout, residuals=residuals
+        )
+
+    current, start = at(100.0, 0.0), at(200.0, lone)
+    outcome = Outcome(start, current, [first, second])
+    outcome.found = {c.label: Found(c, current, 50.0, 1e-9, -40.0) for c in (first, second)}
+    monkeypatch.setattr(searching, 'with_findings', lambda *_: start)
+    monkeypatch.setattr(searching, 'candidates', lambda *_: [push] * 2)
+    monkeypatch.setattr(pruning, 'lowest', lambda fit, _: fit)
+    monkeypatch.setattr(Candidate, 'price', lambda *_: 1.0)
+    search = searching.Search(())
+    alone = at(101.5, 0.0)
+    gain = evidence_for(alone, start)
+    tried = Found(push, alone, gain, 1e-9, 1.0 - gain)
+    monkeypatch.setattr(search, '_alone', lambda *_: [tried])
+    search._simpler(current, outcome)
+    assert outcome.accepted == [push]
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ from impactscope.discrepancy.impact.search.pruning import (
     drop_idle,
     in_the_place_of,
     join_relatives,
+    no_weight_along,
 )
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
@@ -69,6 +70,11 @@ def check_held_out(
     _weigh_rivals(outcome, thresholds)
     _by_name(outcome)
     _by_what_strikes(outcome)
+    weighed = outcome.final
+    no_weight_along(outcome)
+    if outcome.final is not weighed:
+        outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
+        outcome.tests, outcome.modes = None, []
 
 
 def _drop_contradicted(outcome: Outcome, thresholds: Thresholds) -> None:
@@ -102,7 +108,8 @@ def _weigh_rivals(outcome: Outcome, thresholds: Thresholds) -> None:
     if not outcome.accepted or outcome.held_out_final is None:
         return
     label = outcome.accepted[-1].label
-    mine, rivals = outcome.found[label], outcome.rivals.get(label, [])
+    mine = dataclasses.replace(outcome.found[label], fit=outcome.final)
+    rivals = outcome.rivals.get(label, [])
     allowed = thresholds.unexplained_ratio * max(1.0, outcome.final.reduced)
     if outcome.held_out_final.reduced > allowed:
         weighed = _weighed_together(outcome, outcome.held_out_final, mine, allowed)
