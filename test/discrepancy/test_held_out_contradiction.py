@@ -171,6 +171,32 @@ def test_where_recordings_are_missed_rivals_are_fitted_to_all(
         assert outcome.found['loop'].criterion == -80.0  # 40 likelier than what it replaces
 
 
+def test_where_recordings_are_missed_many_rivals_are_weighed(monkeypatch):
+    """What is not weighed as the finding was is told as unlikely, whatever it explains."""
+    mine = formed('wrong_parameter', 'rod', 100.0)
+    rivals = [formed('wrong_parameter', f'number {n}', 100.0) for n in range(5)]
+    missed = SimpleNamespace(reduced=4.0, layout=SimpleNamespace(size=200))
+    outcome = Outcome(mine.fit, mine.fit, [mine.candidate])
+    outcome.found['rod'], outcome.rivals['rod'] = mine, rivals
+    outcome.held_out_final = missed
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: missed)
+    monkeypatch.setattr(
+        held_out, 'prediction_misfit', lambda f, _: 3.0 if f is outcome.final else 1.0
+    )
+    together = {id(mine.fit): 1000.0}
+    monkeypatch.setattr(
+        held_out,
+        'fit_together',
+        lambda f, *_: SimpleNamespace(chi_square=together.get(id(f), 100.0), values={}),
+    )
+    outcome.final = SimpleNamespace(**vars(mine.fit))
+    together[id(outcome.final)] = 1000.0
+    held_out._weigh_rivals(outcome, Thresholds())
+    assert outcome.accepted[0].label.startswith('number')
+    told = [outcome.found[outcome.accepted[0].label], *outcome.rivals[outcome.accepted[0].label]]
+    assert sorted(f.criterion for f in told) == [-940.0] * 5 + [-40.0]
+
+
 @pytest.mark.parametrize('bad', [{'refused': True}, {'size': 50}])
 def test_what_cannot_be_compared_takes_no_place(monkeypatch, bad):
     monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: SimpleNamespace(reduced=1.0))

@@ -62,16 +62,9 @@ def test_what_the_baseline_had_not_reached_is_gained_by_nobody(windows):
     assert all(f.gain < bottom.chi_square - f.fit.chi_square + 0.2 for f in found)
 
 
-@pytest.mark.parametrize(('numbers', 'fitted'), [(15, 2), (1, 1)])
-def test_what_many_numbers_gain_by_chance_holds_no_other_back(monkeypatch, numbers, fitted):
-    """A hum that is fitted to noise gains more than a weak effect, and is not believed."""
-    current = SimpleNamespace(reduced=1.0, chi_square=1000.0, layout=None)
-
-    def tried(name, cost, gain):
-        candidate = SimpleNamespace(name=name, label=name, channel='', cost=cost)
-        return SimpleNamespace(
-            candidate=candidate, gain=gain, model=None, x=gain, plain=None, by_slope=None
-        )
+@pytest.fixture
+def judged(monkeypatch):
+    """Names of what is fitted jointly of trials: name, numbers, gain, and the stated number."""
 
     def fitted_to(_model, _layout, gain, **_):
         return SimpleNamespace(chi_square=1000.0 - gain, reduced=1.0)
@@ -80,11 +73,53 @@ def test_what_many_numbers_gain_by_chance_holds_no_other_back(monkeypatch, numbe
     monkeypatch.setattr(
         joint_fits,
         'weigh',
-        lambda c, joint, *_: Found(c, joint, 1000.0 - joint.chi_square, 1.0, 0.0),
+        lambda c, joint, *_: Found(c, joint, 1000.0 - joint.chi_square, 1.0, -joint.chi_square),
     )
     monkeypatch.setattr(JointFits, '_rung_elsewhere', staticmethod(lambda _c, found, *_: found))
-    trials = [tried('line', numbers, 42.0), tried('number', 1, 21.0)]
-    assert len(JointFits((), Thresholds()).judge(current, trials, 88)) == fitted
+
+    def of(rows, most=0):
+        current = SimpleNamespace(reduced=1.0, chi_square=1000.0, layout=None)
+        trials = [
+            SimpleNamespace(
+                candidate=SimpleNamespace(
+                    name=name, label=name, channel='', cost=cost, parameter=parameter
+                ),
+                gain=gain,
+                model=None,
+                x=gain,
+                plain=None,
+                by_slope=None,
+            )
+            for name, cost, gain, parameter in rows
+        ]
+        found = JointFits((), Thresholds()).judge(current, trials, 88, most)
+        return [f.candidate.parameter or f.candidate.name for f in found]
+
+    return of
+
+
+@pytest.mark.parametrize(('numbers', 'fitted'), [(15, 2), (1, 1)])
+def test_what_many_numbers_gain_by_chance_holds_no_other_back(judged, numbers, fitted):
+    """A hum that is fitted to noise gains more than a weak effect, and is not believed."""
+    assert len(judged([('line', numbers, 42.0, ''), ('number', 1, 21.0, '')])) == fitted
+
+
+@pytest.mark.parametrize(
+    ('apart', 'most', 'fitted'),
+    [(0.5, 0, 9), (4.0, 0, 6), (0.5, 3, 3)],  # all, as many as usual, and where the way is sought
+)
+def test_what_promises_as_much_as_the_best_is_fitted(judged, apart, most, fitted):
+    rows = [(f'effect {n}', 1, 250.0 - n * apart, '') for n in range(9)]
+    assert len(judged(rows, most)) == fitted
+
+
+def test_lengths_of_a_pendulum_do_not_keep_a_number_of_the_layer_back(judged):
+    keys = [f'pendulum.{k}' for k in ('rod_mass', 'rod_length', 'contact_distance', 'moving_mass')]
+    rows = [
+        ('wrong_parameter', 1, 250.0 - n, key)
+        for n, key in enumerate((*keys, 'damper.parallel_stiffness'))
+    ]
+    assert set(judged(rows)) == {*keys[:3], 'damper.parallel_stiffness'}
 
 
 @pytest.fixture(scope='module')

@@ -84,6 +84,34 @@ def test_rivals_are_close_to_a_finding_as_it_was_weighed_beside_them(
     assert outcome.accepted == [PUSH]
 
 
+@pytest.mark.parametrize(('apart', 'fitted'), [(1.0, 6), (4.0, 3)])
+def test_rivals_that_do_as_well_are_all_fitted(
+    monkeypatch: pytest.MonkeyPatch, apart: float, fitted: int
+) -> None:
+    """Of eight; three of them, if the others are farther behind than one may be by chance."""
+    beside = SimpleNamespace(candidate=PUSH, criterion=-50.0)
+    rivals = [
+        SimpleNamespace(
+            candidate=SimpleNamespace(label=f'rival {n}', name='a rival'),
+            criterion=-50.0 + n * apart,
+            fit=SimpleNamespace(values={}),
+        )
+        for n in range(1, 9)
+    ]
+    outcome = SimpleNamespace(
+        accepted=[PUSH],
+        found={PUSH.label: beside},
+        rivals={PUSH.label: rivals},
+        final=SimpleNamespace(values={}, chi_square=1000.0),
+    )
+    by_label = {r.candidate.label: r for r in rivals}
+    monkeypatch.setattr(pruning, '_instead', lambda _o, _m, _r, c, _v: by_label[c.label])
+    monkeypatch.setattr(pruning, 'at_bottom', lambda item, _: item)
+    monkeypatch.setattr(pruning, '_relatives', lambda *_: [])
+    pruning._swap(outcome, PUSH, [], beside)
+    assert outcome.rivals[PUSH.label] == rivals[:fitted]
+
+
 @pytest.mark.parametrize(
     ('lower', 'behind', 'stays'),
     [

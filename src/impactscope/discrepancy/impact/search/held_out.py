@@ -41,6 +41,7 @@ _MADE_GOOD = 0.5  # of what held-out recordings are missed by, that a rival may 
 _HELD_UP = 20.0  # of the criterion: what a push costs beyond a weight, whose numbers are fewer
 _TEN_TO_ONE = 4.6  # of the criterion
 _RIVALS = 3  # of a finding, that are held against them
+_TOGETHER = 6  # the same where they are missed, of those that make good half of it
 
 
 def check_held_out(
@@ -167,7 +168,7 @@ def _weighed_together(
             continue
         criterion = mine.criterion + cost(rival, rival.fit, predicted) - known
         weighed[i] = dataclasses.replace(rival, criterion=criterion), predicted
-        if len(weighed) == _RIVALS:
+        if len(weighed) == _TOGETHER:  # what is not weighed is told as unlikely
             break
     return weighed
 

@@ -56,6 +56,7 @@ _HEAT, _ROUGHLY = 12, 1.0  # iterations of a fit from each, and the fall at whic
 _AHEAD, _LAST = 3, 40  # fits that are brought to their end, and in how many
 _BEARABLE = 10.0  # times the chi-square without it
 _JOINT = 6  # candidates that are fitted jointly in a step
+_TIED = 8.0  # of the gain, within which one promises as much as another
 _KEPT = 0.6  # of what slopes promise, below which a fit has lost its way
 
 
@@ -198,7 +199,7 @@ class JointFits:
         kin: set[str] = set()
         for trial in trials:
             candidate = trial.candidate
-            kind = f'{candidate.name}:{candidate.channel}'
+            kind = _kind(candidate)
             if seen.get(kind, 0) >= (1 if candidate.channel else 3):
                 continue
             least = self._least(candidate, looks)
@@ -209,7 +210,10 @@ class JointFits:
             further = max((f.gain - self._least(f.candidate, looks) for f in found), default=0.0)
             top = further + least
             weak = bool(found) and not strong and trial.gain < top - max(20.0, 0.4 * top)
-            if (weak or len(found) >= (most or _JOINT)) and not related:
+            # what promises as much as the best is fitted as well: held-out recordings may decide
+            tied = (most or _JOINT) >= _JOINT and trial.gain > trials[0].gain - _TIED
+            full = len(found) >= (most or _JOINT) and not tied
+            if (weak or full) and not related:
                 continue
             seen[kind] = seen.get(kind, 0) + 1
             try:
@@ -307,6 +311,15 @@ class JointFits:
                 continue
             found.append(weigh(candidate, joint, current, looks))
         return found
+
+
+def _kind(candidate: Candidate) -> str:
+    """What has candidates of its like, of which few are fitted jointly.
+
+    Lengths and masses of a pendulum do much the same, a number of the layer does not.
+    """
+    part = candidate.parameter.split('@')[0].split('.')[0]
+    return f'{candidate.name}:{candidate.channel}:{part}'
 
 
 def _by_slope(trial: Trial, current: Fit, joint: Fit) -> Fit:

@@ -154,8 +154,9 @@ def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate], beside:
         if r.criterion < beside.criterion + _CLOSE
         and r.candidate.label not in {c.label for c in rest}
     ]
+    tied = [r for r in close[_RIVALS:] if r.criterion < beside.criterion + _TIED]
     refitted = []
-    for rival in close[:_RIVALS]:
+    for rival in (*close[:_RIVALS], *tied[:_RIVALS]):
         known = {**outcome.final.values, **rival.fit.values}
         item = _instead(outcome, mine, rest, rival.candidate, known)
         if item is not None:
