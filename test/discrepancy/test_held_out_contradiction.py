@@ -401,3 +401,29 @@ def test_forms_of_one_name_count_together(monkeypatch, orders, name):
         assert accepted.label == 'order 0'
         assert outcome.final is filters[0].fit
         assert 'clock' in {f.candidate.label for f in outcome.rivals['order 0']}
+
+
+@pytest.mark.parametrize(
+    ('behind', 'name'),
+    [
+        ([0.2, 0.3, 1.4], 'wrong_parameter'),
+        ([0.2], 'rate_dependent_damper'),
+        ([6.0, 6.0, 6.0], 'rate_dependent_damper'),
+    ],
+)
+def test_numbers_of_which_any_may_be_wrong_count_together(monkeypatch, behind, name):
+    """A branch that does what each does is no physics that was left out."""
+    branch = dataclasses.replace(formed('rate_dependent_damper', 'branch', 100.0), criterion=-50.0)
+    numbers = [
+        dataclasses.replace(formed('wrong_parameter', f'number {n}', 100.0), criterion=-50.0 + c)
+        for n, c in enumerate(behind)
+    ]
+    for form in (branch, *numbers):
+        form.candidate.channel = ''
+    outcome = Outcome(branch.fit, branch.fit, [branch.candidate])
+    outcome.found['branch'], outcome.rivals['branch'] = branch, numbers
+    outcome.held_out_final = branch.fit
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: branch.fit)
+    held_out._by_name(outcome)
+    (accepted,) = outcome.accepted
+    assert accepted.name == name

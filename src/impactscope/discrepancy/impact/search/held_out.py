@@ -40,8 +40,7 @@ _OPEN = 10.0  # of the criterion, within which they decide between a finding and
 _MADE_GOOD = 0.5  # of what held-out recordings are missed by, that a rival may leave
 _HELD_UP = 20.0  # of the criterion: what a push costs beyond a weight, whose numbers are fewer
 _TEN_TO_ONE = 4.6  # of the criterion
-_RIVALS = 3  # of a finding, that are held against them
-_TOGETHER = 6  # the same where they are missed, of those that make good half of it
+_RIVALS = 6  # of a finding, that are held against them; the others would pass for unlikely
 
 
 def check_held_out(
@@ -168,7 +167,7 @@ def _weighed_together(
             continue
         criterion = mine.criterion + cost(rival, rival.fit, predicted) - known
         weighed[i] = dataclasses.replace(rival, criterion=criterion), predicted
-        if len(weighed) == _TOGETHER:  # what is not weighed is told as unlikely
+        if len(weighed) == _RIVALS:
             break
     return weighed
 
@@ -227,19 +226,22 @@ def _put_last(outcome: Outcome, best: Found, predicted: Fit, others: list[Found]
 
 
 def _by_name(outcome: Outcome) -> None:
-    """The likeliest name of what acts on a channel, all forms of it together, if found last.
+    """The likeliest name of what was found last, everything that goes by it together.
 
     Filters of four orders that explain as much are one answer: together they may be likelier
-    than a clock that is ahead of each of them.
+    than a clock that is ahead of each of them. So are numbers of the simulation of which any may
+    be wrong: a further branch of the layer that does what each of them does is not likelier.
     """
-    if not outcome.accepted or outcome.held_out_final is None or not outcome.accepted[-1].channel:
+    if not outcome.accepted or outcome.held_out_final is None:
         return
     candidate = outcome.accepted[-1]
     rivals = outcome.rivals.get(candidate.label, [])
     mine = dataclasses.replace(outcome.found[candidate.label], fit=outcome.final)
 
-    def cost(form: Found) -> float:  # anew: rivals were weighed in other fits
-        return _cost(outcome, mine, form, form.fit)
+    def cost(form: Found) -> float:
+        if not candidate.channel:
+            return form.criterion
+        return _cost(outcome, mine, form, form.fit)  # anew: rivals were weighed in other fits
 
     forms: dict[str, list[Found]] = {}
     for form in (mine, *rivals):
