@@ -22,6 +22,9 @@ from impactscope.discrepancy.driven.noise.spectral_whitening import stepped, whi
 SAMPLES, PERIOD, STEP = 4000, 1e-3, 1e-3
 
 
+NO_TERMS = SimpleNamespace(terms=())
+
+
 def left(size):
     """What two recordings of a coarse encoder leave that hunts at 31 Hz at rest."""
     rng = np.random.default_rng(2)
@@ -109,7 +112,7 @@ def decided(monkeypatch, gains, gain, labels, numbers, damping=0.1):
         lambda _laws, _model, made, _: [alone if made is none else beside],
     )
     segments = [SimpleNamespace(held_out=False)]
-    return verdict(None, None, none, best, (gain, gain), segments)
+    return verdict(None, NO_TERMS, none, best, (gain, gain), segments)
 
 
 @pytest.mark.parametrize(('tried', 'left'), [(50, True), (LOOKS, False)])
@@ -185,7 +188,7 @@ def test_a_resonance_that_may_be_anywhere_is_not_the_law_of_two_effects(
     left = UnmodelledLaw('a stiffness that swings', 5.0, 2)
     monkeypatch.setattr(module, 'unmodelled_laws', lambda *a: listed if a[2] is none else [left])
     segments = [SimpleNamespace(held_out=False)]
-    said = verdict(None, None, none, best, (420.0, 420.0), segments)
+    said = verdict(None, NO_TERMS, none, best, (420.0, 420.0), segments)
     assert said.instead is instead
     assert said.left is instead
 
@@ -195,19 +198,26 @@ def test_two_effects_that_tell_more_than_a_law_stay(monkeypatch):
     assert not said.left
 
 
+@pytest.mark.parametrize('found', ['rate_dependent_damper', 'low_pass_filter'])
 @pytest.mark.parametrize(('case_of', 'instead'), [('', True), ('rate_dependent_damper', False)])
-def test_a_mechanism_with_one_number_held_is_no_law_in_its_place(monkeypatch, case_of, instead):
-    """A rate that was tried may be the true one: its law has one number fewer."""
+def test_a_mechanism_with_one_number_held_is_no_law_in_its_place(
+    monkeypatch, case_of, instead, found
+):
+    """A rate that was tried may be the true one: its law has one number fewer.
+
+    So it has where the search took a delay, which does the same, for the likelier one.
+    """
     law = UnmodelledLaw('a force that relaxes', 2000.0, 1, case_of=case_of)
     other = UnmodelledLaw('a stiffness that swings', 2.0, 8)
-    none, best = fitted((), 0), fitted(('rate_dependent_damper',), 4)
+    none, best = fitted((), 0), fitted((found,), 4)
+    model = SimpleNamespace(terms=[SimpleNamespace(name='rate_dependent_damper')])
     monkeypatch.setattr(
         module,
         'unmodelled_laws',
         lambda _laws, _model, made, _: [law, other] if made is none else [other],
     )
     segments = [SimpleNamespace(held_out=False)]
-    said = verdict(None, None, none, best, (2002.0, 2002.0), segments)
+    said = verdict(None, model, none, best, (2002.0, 2002.0), segments)
     assert said.instead is instead
 
 

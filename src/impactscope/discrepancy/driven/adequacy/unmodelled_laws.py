@@ -349,8 +349,8 @@ def verdict(
         segments: of all recordings.
         settled: gives a fit as it looks with an input as well known as may be.
     """
-    # of what the search has held against all others, or has found, a law says nothing new
-    known = {term.name for term in (model.terms if best is baseline else best.terms)}
+    # what the search has held against all others, a law says nothing new of; nor what it has found
+    known = {term.name for term in (*model.terms, *best.terms)}
     known -= {term.name for term in baseline.terms}
 
     def sought(made: Fit) -> tuple[UnmodelledLaw, bool]:
