@@ -301,12 +301,14 @@ def _rounded_off(
         anew: a case once more, its noise known from a fit.
     """
     new = [t for t in outcome.best.terms if t.label not in labels_of(outcome.baseline.terms)]
-    shares = []
-    for each in (case, closer) if new else ():
+    if not new:
+        return False
+    gains = []
+    for each in (case, closer):
         made = fit(each.model, outcome.best.terms, each.segments, outcome.best.values)
         known = anew(each, made) or each
-        shares.append([_gain_by(known, made, t) for t in new])
-    return any(b < STAYS * a for a, b in zip(*shares, strict=True)) if shares else False
+        gains.append([_gain_by(known, made, t) for t in new])
+    return any(there < STAYS * here for here, there in zip(*gains, strict=True))
 
 
 def _gain_by(case: Case, made: Fit, term: Term) -> float:

@@ -107,8 +107,8 @@ def _weigh_rivals(outcome: Outcome, thresholds: Thresholds) -> None:
     """Weigh the last finding and its rivals by the held-out recordings, too."""
     if not outcome.accepted or outcome.held_out_final is None:
         return
-    label = outcome.accepted[-1].label
-    mine = dataclasses.replace(outcome.found[label], fit=outcome.final)
+    mine = _found_last(outcome)
+    label = mine.candidate.label
     rivals = outcome.rivals.get(label, [])
     allowed = thresholds.unexplained_ratio * max(1.0, outcome.final.reduced)
     if outcome.held_out_final.reduced > allowed:
@@ -219,6 +219,11 @@ def _in_its_place(outcome: Outcome, rival: Found) -> bool:
     return not rival.refused and same and beside <= {f.key for f in rival.fit.model.free}
 
 
+def _found_last(outcome: Outcome) -> Found:
+    """The last finding as it is fitted now; when it was found the window may have been shorter."""
+    return dataclasses.replace(outcome.found[outcome.accepted[-1].label], fit=outcome.final)
+
+
 def _put_last(outcome: Outcome, best: Found, predicted: Fit, others: list[Found]) -> None:
     outcome.put_in_place([outcome.accepted[-1]], best, others)
     outcome.final, outcome.held_out_final = best.fit, predicted
@@ -236,7 +241,7 @@ def _by_name(outcome: Outcome) -> None:
         return
     candidate = outcome.accepted[-1]
     rivals = outcome.rivals.get(candidate.label, [])
-    mine = dataclasses.replace(outcome.found[candidate.label], fit=outcome.final)
+    mine = _found_last(outcome)
 
     def cost(form: Found) -> float:
         if not candidate.channel:
@@ -271,7 +276,7 @@ def _by_what_strikes(outcome: Outcome) -> None:
     kinds = {blow.recording.kind for blow in outcome.final.model.data.blows}
     if kinds - {'tap'} != {'robot'}:
         return
-    mine = outcome.found[outcome.accepted[-1].label]
+    mine = _found_last(outcome)
     rivals = outcome.rivals.get(mine.candidate.label, [])
     pushes = [r for r in rivals if r.candidate.name == 'external_push']
     for push in pushes:
