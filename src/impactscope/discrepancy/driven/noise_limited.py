@@ -380,10 +380,12 @@ def _exact(
     for _ in range(COLOURS):
         last = found[1].best
         if plain is not None and not _terms_of(found):
-            break  # noise of that colour is all that there is
-        if case.model.drifts and not found[2].left and not last.terms:
+            if case in searched:
+                break  # noise of that colour is all that there is
+            tries = [case]  # in which an effect may have been taken for that noise
+        elif case.model.drifts and not found[2].left and not last.terms:
             break
-        if case.model.drifts and slow not in searched:
+        elif case.model.drifts and slow not in searched:
             tries = [slow]
         elif case.model.drifts and not may_be_slow_noise(last, found[2]):
             break
@@ -406,6 +408,8 @@ def _exact(
             (_searched(campaign, k, tell, share, _in_its_noise(k, seed)) for k in likely),
             key=lambda f: _misfit(*f),
         )
+        if likely == [case] and (now[2].left or _misfit(*now) >= _misfit(*best)):
+            break  # nothing that explains what that noise does
         best = min(best, now, key=lambda f: _misfit(*f))
         if _terms_of(now) == _terms_of(found):
             break

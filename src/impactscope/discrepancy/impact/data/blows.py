@@ -64,6 +64,7 @@ _HARDLY_TELLING = 24  # likewise, if no recording has more
 _ENDING = 256  # samples at the end that do where none has
 _STRETCHES = 16  # of a recording, the quietest of which tells it where there are no such samples
 _LARGER = 1.3  # times what differences tell
+_STEADY = 1.5  # times what is left without a smooth course: slow noise, but hardly a way of moving
 _SMOOTH = 5  # order of the course that a swing takes within a recording
 _JOLT = 6.0  # of the noise
 _A_WHILE = 0.05  # s
@@ -462,9 +463,9 @@ def _colours(
     for beside in (False, True):
         if beside and not found:
             break
-        for name in [n for n, q in quiet.items() if len(q) == 1 and n not in found]:
-            rate, stretches = next(iter(quiet[name].items()))
-            bent = name == 'acceleration.impactor'
+        for name in [n for n, (q, _) in quiet.items() if len(q) == 1 and n not in found]:
+            by_rate, bent = quiet[name]
+            rate, stretches = next(iter(by_rate.items()))
             colour = colour_of(stretches, rate, bent=bent, beside=beside)
             if colour is not None:
                 found[name] = colour
@@ -482,7 +483,7 @@ def _seen(
     found = {}
     for name, colour in colours.items():
         squares, freedom = 0.0, 0
-        for stretch in (s for parts in _quiet(onsets, name).values() for s in parts):
+        for stretch in (s for parts in _quiet(onsets, name)[0].values() for s in parts):
             if stretch.size > 2 and np.isfinite(stretch).all():
                 level = stretch - np.mean(stretch)
                 squares += float(level @ level)
@@ -498,9 +499,13 @@ def _quiet(
     onsets: Sequence[tuple[CampaignRecording, float]],
     name: str,
     unlike: Mapping[tuple[str, str], float] | None = None,
-) -> dict[float, list[Array]]:
-    """What a channel shows before the blows, by its sample rate; ``unlike``: over its noise."""
+) -> tuple[dict[float, list[Array]], bool]:
+    """What a channel shows before the blows, by its sample rate; ``unlike``: over its noise.
+
+    And whether a swing was taken off any of it.
+    """
     quiet: dict[float, list[Array]] = {}
+    bent = False
     for recording, onset in onsets:
         channel = recording.channels.get(name)
         if channel is None:
@@ -509,9 +514,18 @@ def _quiet(
         before = channel.values[: max(count, 0)]
         factor = (unlike or {}).get((recording.file, name), 1.0)
         before = before / factor if factor != 1.0 else before
-        parts = _about_release(before) if name == 'acceleration.impactor' else [before]
+        parts = [before]
+        if name == 'acceleration.impactor':
+            unswung = _about_release(before)
+            if recording.kind != 'robot' or not _steady(before, unswung):
+                parts, bent = unswung, True
         quiet.setdefault(channel.sample_rate, []).extend(parts)
-    return quiet
+    return quiet, bent
+
+
+def _steady(before: Array, unswung: Sequence[Array]) -> bool:
+    """Whether an impactor shows no more before the blow than without its smooth course."""
+    return before.size >= SHORTEST and float(np.std(before)) <= _STEADY * _pooled(unswung)
 
 
 def _about_release(before: Array) -> list[Array]:

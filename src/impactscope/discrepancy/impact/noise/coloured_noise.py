@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import linalg, stats
 
 __all__ = [
     'SHORTEST',
@@ -42,6 +42,9 @@ _FIRST_BENT = 4  # the same after a polynomial was taken off
 _APART = 2.0  # ratio of the times in which parts forget
 _LEVELS = 4  # stretches from which their levels tell slow noise
 _SCATTERED = 0.03  # chance from which they do
+_TARED = 1e-3  # chance of levels as much alike as they are
+_RULED_OUT = 2.71  # twice the logarithm of the likelihood, by which levels rule slow noise out
+_SHARES = 40  # of slow noise that are tried
 _MATTERS = 1e-3  # of the variance, of a part
 _LINES = 256  # of a spectrum that count on their own; beyond, to a factor of e
 
@@ -184,22 +187,23 @@ def colour_of(
     # what the stretches are too short to show goes on as the slowest that they do show may
     hidden = lives > longest / (2 * math.pi * first)
     slow = int(np.argmax(hidden)) if hidden.any() else count
+    rate = float(sample_rate)
     if 0 < slow < count and not white:
         unseen = max(parts[slow - 1], lines.largest(variances, slow, level))
         parts[slow:] = np.maximum(parts[slow:], unseen)
-    seen = Colour(float(variances[0]), parts, lives / float(sample_rate), sample_rate)
-    further = _between(quiet, seen)
-    if further > 0.0:
-        parts[:] = np.maximum(parts, further) if white else parts
-        parts[slow:] = np.maximum(parts[slow:], further)
+        if not bent:
+            variances[:] = _as_levels_allow(quiet, lines, variances, 1 + slow, lives)
+    seen = Colour(float(variances[0]), parts, lives / rate, rate)
+    between = _between(quiet, seen)
+    if between > 0.0:
+        parts[:] = np.maximum(parts, between) if white else parts
+        parts[slow:] = np.maximum(parts[slow:], between)
     elif white:
         return None
     matter = parts > _MATTERS * float(np.sum(variances))
     if not matter.any():
         return None
-    return Colour(
-        float(variances[0]), parts[matter], lives[matter] / float(sample_rate), sample_rate
-    )
+    return Colour(float(variances[0]), parts[matter], lives[matter] / rate, rate)
 
 
 def slowest_seen(duration: float, *, bent: bool = False) -> float:
@@ -208,6 +212,48 @@ def slowest_seen(duration: float, *, bent: bool = False) -> float:
     Below, `colour_of` presumes that it goes on as the slowest does that can be seen.
     """
     return (_FIRST_BENT if bent else _FIRST) / duration
+
+
+def _as_levels_allow(
+    quiet: Sequence[Array], lines: _Lines, variances: Array, first: int, lives: Array
+) -> Array:
+    """Variances with as much of what is slower than stretches can show as levels do not rule out.
+
+    By the likelihood of the spectra and the restricted one of the levels, beside what all have
+    and what grows with the time since the beginning. Levels that are more alike than noise lets
+    them be were set to zero by who recorded them, and tell nothing.
+
+    Args:
+        quiet: the stretches.
+        lines: their spectra.
+        variances: of the white part and the others, shape (1 + n_parts,).
+        first: from where on they are slower, in these.
+        lives: samples in which the others forget, shape (n_parts,).
+    """
+    counts = np.array([s.size for s in quiet])
+    if counts.size < _LEVELS or not np.any(variances[first:] > 0.0):
+        return variances
+    levels = np.array([float(np.mean(s)) for s in quiet])
+    free = linalg.null_space(np.stack([np.ones(counts.size), counts / counts.max()]))
+    apart = free.T @ levels
+
+    def of_levels(noise: Array) -> tuple[float, float]:
+        colour = Colour(float(noise[0]), noise[1:], lives, 1.0)
+        covariance = free.T @ (colour.variance_of_means(counts)[:, None] * free)
+        scatter = float(apart @ np.linalg.solve(covariance, apart))
+        return scatter, float(np.linalg.slogdet(covariance)[1])
+
+    misfits, noises = np.empty(_SHARES), np.empty((_SHARES, variances.size))
+    shares = np.geomspace(_LEAST, 1.0, _SHARES)
+    for i, share in enumerate(shares.tolist()):
+        tried = variances.copy()
+        tried[first:] *= share
+        noises[i] = tried = lines.likeliest(tried, first, _STEPS_AGAIN)
+        scatter, size = of_levels(tried)
+        if i == 0 and stats.chi2.cdf(scatter, apart.size) < _TARED:
+            return variances
+        misfits[i] = lines.misfit(tried) + scatter + size
+    return noises[np.flatnonzero(misfits <= np.min(misfits) + _RULED_OUT)[-1]]
 
 
 def _between(quiet: Sequence[Array], seen: Colour) -> float:

@@ -408,6 +408,11 @@ class Search:
             # later contacts fold the ground: what is not far behind may have stopped too early
             most = current.chi_square + _MISSED * (start.chi_square - current.chi_square)
             found[:_SIMPLER] = [at_bottom(item, most) for item in found[:_SIMPLER]]
+            several = len(outcome.accepted) > 1
+            if start.reduced < LOST and several and all(f.criterion > reached for f in found):
+                found += self._from_first_contacts(
+                    start, current, others, len(listed), chosen + price
+                )
             found.sort(key=lambda f: f.criterion)
         for item in found:
             if item.criterion > reached or item.refused or item.fit.reduced > QUIET:
@@ -434,14 +439,23 @@ class Search:
     def _alone(
         self, start: Fit, current: Fit, listed: Sequence[Candidate], looks: int, dearer: float
     ) -> list[Found]:
-        """Candidates fitted alone over the whole window of a fit without any.
+        """Candidates fitted alone over the whole window of a fit without any; see the next.
 
-        Where that fit is lost its numbers are bent, and trials beside them say little: what
-        explains everything alone explains the first contacts alone, no worse than ``current``,
-        which has findings that count for ``dearer`` of chi-square.
+        Where that fit is lost its numbers are bent, and trials beside them say little.
         """
         if start.reduced < LOST:
             return self.fits.judge(start, self.fits.order(start, listed), looks, _AHEAD)
+        found = self._from_first_contacts(start, current, listed, looks, dearer)
+        return sorted(found, key=lambda f: f.criterion)
+
+    def _from_first_contacts(
+        self, start: Fit, current: Fit, listed: Sequence[Candidate], looks: int, dearer: float
+    ) -> list[Found]:
+        """The same, from windows that grow.
+
+        What explains everything alone explains the first contacts alone, no worse than
+        ``current``, which has findings that count for ``dearer`` of chi-square.
+        """
         first = self.windows[0]
         near, as_good = _near(start, first), _near(current, first).chi_square + dearer
         found = []
@@ -450,7 +464,7 @@ class Search:
                 whole, _ = _grown(item.fit, first, start.layout.window)
                 if whole.layout.size == start.layout.size:
                     found.append(weigh(item.candidate, whole, start, looks))
-        return sorted(found, key=lambda f: f.criterion)
+        return found
 
     def _another_pair(self, current: Fit, outcome: Outcome) -> Fit:
         """A pair in place of all findings that do not explain the recordings.
