@@ -10,6 +10,7 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.noise.coloured_noise import Colour, forgetting
+from impactscope.discrepancy.driven.systems import slow_noise as slow_noise_module
 from impactscope.discrepancy.driven.systems.slow_noise import colour_of_recordings, like_noise
 
 RATE, SAMPLES = 2000.0, 3000
@@ -188,3 +189,34 @@ def test_a_motion_is_not_like_noise():
     assert colour is not None
     whiten = forgetting(colour, 2000)
     assert not like_noise([whiten(r) for r in left])
+
+
+def test_an_effect_that_was_read_as_noise_is_asked_in_white_noise(monkeypatch):
+    """It may bend a spectrum as slow noise does, which then hides it."""
+    seen = iter([Colour(1.0, ((400.0, 3e-4),))])
+    monkeypatch.setattr(slow_noise_module, 'colour_of_recordings', lambda left: next(seen, None))
+    monkeypatch.setattr(slow_noise_module, 'like_noise', lambda white: True)
+
+    def coupled(y):
+        return signal.lfilter(*signal.butter(1, 0.03 / (0.5 * RATE), 'high'), y)
+
+    rng = np.random.default_rng(31)
+    entries, channels = [], {}
+    for i in range(3):
+        true = 3.0 * rng.standard_normal(SAMPLES).cumsum()
+        true -= np.linspace(true[0], true[-1], SAMPLES)
+        file = f'r{i}.mcap'
+        entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
+        channels[file] = {
+            name: ChannelSamples(
+                name, 'm/s^2', RATE, 0.0, values + 0.5 * rng.standard_normal(SAMPLES)
+            )
+            for name, values in (
+                ('acceleration.raw', true),
+                ('acceleration.processed', coupled(true)),
+            )
+        }
+    bench = {'kind': 'chain', 'input': 'acceleration.raw', 'output': 'acceleration.processed'}
+    data = {'version': 1, 'bench': bench, 'recordings': entries}
+    answer = explain_driven(parse_campaign(data).with_samples(channels.__getitem__))
+    assert answer.accepted == ('ac_coupling',)

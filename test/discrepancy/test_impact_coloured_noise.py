@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from impactscope.discrepancy.campaign import Campaign, ChannelSamples
-from impactscope.discrepancy.impact.data.blows import _first_sight, _onset, prepare
+from impactscope.discrepancy.impact.data.blows import (
+    _about_release,
+    _first_sight,
+    _onset,
+    _steady,
+    prepare,
+)
 from impactscope.discrepancy.impact.findings.figures import rmse
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.models.baseline import baseline_model
@@ -177,6 +183,48 @@ def test_what_short_stretches_hide_of_one_over_f_noise_is_not_taken_for_none(ben
 def test_a_level_that_all_share_is_no_noise() -> None:
     rng = np.random.default_rng(10)
     assert colour_of([5.0 + rng.standard_normal(400) for _ in range(7)], RATE) is None
+
+
+def test_levels_rule_out_slow_noise_that_stretches_are_too_short_to_show() -> None:
+    long = np.array([6000])  # as far as an offset of a recording can be told from noise
+    told, tared, true = [], [], 3.0 / 6000
+    for seed in range(12):
+        rng = np.random.default_rng(500 + seed)
+        quiet = [remembering(0.5, 1200, rng) for _ in range(7)]
+        for into, stretches in ((told, quiet), (tared, [s - np.mean(s) for s in quiet])):
+            colour = colour_of(stretches, RATE)
+            assert colour is not None
+            into.append(float(colour.variance_of_means(long)[0]))
+    assert np.median(told) < 10 * true
+    assert np.median(told) < 0.3 * np.median(tared)  # that levels were set to zero tells nothing
+
+
+def test_levels_of_slow_noise_do_not_rule_it_out() -> None:
+    long = np.array([6000])
+    times = np.geomspace(1.0, 20_000.0, 10) / RATE  # one over f, from sample to recording
+    noise = Colour(0.2, np.full(10, 0.1), times, RATE)
+    ratio = []
+    for seed in range(12):
+        rng = np.random.default_rng(900 + seed)
+        quiet = [
+            math.sqrt(0.2) * rng.standard_normal(1200)
+            + math.sqrt(0.1)
+            * sum(remembering(math.exp(-1 / life), 1200, rng) for life in times * RATE)
+            for _ in range(7)
+        ]
+        colour = colour_of(quiet, RATE)
+        assert colour is not None
+        ratio.append(float(colour.variance_of_means(long)[0] / noise.variance_of_means(long)[0]))
+    assert np.median(ratio) > 0.6
+    assert np.quantile(ratio, 0.1) > 0.25
+
+
+def test_a_robot_that_comes_steadily_has_no_swing() -> None:
+    rng = np.random.default_rng(11)
+    steady = remembering(0.5, 1200, rng)
+    speeding_up = steady + 8.0 * np.hanning(1200)
+    for before, expected in ((steady, True), (speeding_up, False)):
+        assert _steady(before, _about_release(before)) is expected
 
 
 def test_variance_of_means_of_one_part_in_closed_form() -> None:

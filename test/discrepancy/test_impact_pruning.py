@@ -208,17 +208,26 @@ def test_a_load_along_the_swing_of_a_pendulum_is_a_push(
 
 
 @pytest.mark.parametrize(
-    ('fallen', 'alone', 'stays'),
+    ('fallen', 'alone', 'grown', 'stays'),
     [
-        (0.0, 130.0, True),
-        (60.0, 130.0, False),  # its fit had stopped early
-        (60.0, 190.0, True),  # it explains too little for that to be looked at
+        (0.0, 130.0, None, True),
+        (60.0, 130.0, None, False),  # its fit had stopped early
+        (60.0, 190.0, None, True),  # it explains too little for that to be looked at
+        (0.0, 190.0, 95.0, False),  # later contacts had led its fit astray
+        (0.0, 190.0, 150.0, True),
     ],
 )
 def test_one_effect_in_place_of_two_counts_from_its_lowest_minimum(
-    monkeypatch: pytest.MonkeyPatch, fallen: float, alone: float, stays: bool
+    monkeypatch: pytest.MonkeyPatch,
+    fallen: float,
+    alone: float,
+    grown: float | None,
+    stays: bool,
 ) -> None:
-    """Two wrong numbers leave 100 of the 200 of chi-square; a push alone stopped at more."""
+    """Two wrong numbers leave 100 of the 200 of chi-square; a push alone stopped at more.
+
+    ``grown``: what it leaves if it is followed from the first contacts on.
+    """
     first, second = wrong_number(), dataclasses.replace(wrong_number(), label='another number')
     push = dataclasses.replace(first, label=PUSH.label, name='a push', parameter='')
     layout = SimpleNamespace(size=1000)
@@ -236,14 +245,20 @@ def test_one_effect_in_place_of_two_counts_from_its_lowest_minimum(
     monkeypatch.setattr(searching, 'candidates', lambda *_: [push] * 50)
     monkeypatch.setattr(pruning, 'lowest', lambda fit, _: at(fit.chi_square - fallen))
     search = searching.Search(())
-    gain = 200.0 - alone
-    tried = Found(push, at(alone), gain, 1e-9, push.price(gain, at(alone)) - gain)
-    monkeypatch.setattr(search, '_alone', lambda *_: [tried])
+
+    def tried(level: float) -> Found:
+        gain = 200.0 - level
+        return Found(push, at(level), gain, 1e-9, push.price(gain, at(level)) - gain)
+
+    followed = [] if grown is None else [tried(grown)]
+    monkeypatch.setattr(search, '_alone', lambda *_: [tried(alone)])
+    monkeypatch.setattr(search, '_from_first_contacts', lambda *_: followed)
     search._simpler(current, outcome)
     assert (outcome.accepted == [first, second]) is stays
     if not stays:
         assert outcome.accepted == [push]
-        assert outcome.found[push.label].fit.chi_square == alone - fallen
+        reached = alone - fallen if grown is None else grown
+        assert outcome.found[push.label].fit.chi_square == reached
 
 
 @pytest.mark.parametrize('lone', [0.0, 60.0])

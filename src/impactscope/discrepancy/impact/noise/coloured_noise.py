@@ -253,7 +253,7 @@ def _as_levels_allow(
         if i == 0 and stats.chi2.cdf(scatter, apart.size) < _TARED:
             return variances
         misfits[i] = lines.misfit(tried) + scatter + size
-    return noises[np.flatnonzero(misfits <= np.min(misfits) + _RULED_OUT)[-1]]
+    return np.asarray(noises[np.flatnonzero(misfits <= np.min(misfits) + _RULED_OUT)[-1]])
 
 
 def _between(quiet: Sequence[Array], seen: Colour) -> float:
