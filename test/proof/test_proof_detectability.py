@@ -235,6 +235,12 @@ def test_a_number_off_within_its_tolerance_is_hidden_behind_many_contacts(seed):
     assert Freedom(scenario).detectability(turned) <= 1.02 * allowed
 
 
+def test_a_step_as_promised_may_end_in_a_hollow_that_later_bounces_make():
+    stated = draw(np.random.default_rng([183319450760704, 39]), classes=False).stated
+    slower = effect('impact_speed_loss').apply(stated, 0.002355, {})
+    assert Freedom(stated).detectability(slower) < 1.2  # angles within 0.1 degree are as slow
+
+
 def test_beside_a_companion_its_strength_is_one_more_number_to_tune():
     scenario = taps(2)
     change = effect('hardening_spring')

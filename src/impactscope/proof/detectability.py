@@ -187,6 +187,8 @@ class Freedom:
         rest = np.zeros(len(self.knobs))
         direct, straight = self._follow(target, rest, np.inf)
         ends = [self._left(target, direct)]
+        # a step that keeps its word may end in a hollow that later bounces make
+        straight &= self.baseline.kind != 'impact' or norm(ends[0]) < 1.0
         if not straight and self.baseline.kind != 'closed_loop':
             for span in _SPANS:
                 rest, _ = self._follow(target, rest, span)
