@@ -102,6 +102,8 @@ def test_a_gain_that_no_calibration_leaves_open_is_a_wrong_number():
     found = answer.ranking[0].parameters
     assert found['name'].value == 'gain.velocity.plate'
     assert found['ratio'].value == pytest.approx(1.1, abs=4.0 * found['ratio'].std)
+    assert answer.ranking[0].evidence > 16.0
+    assert answer.mismatch.p_value < 1e-4
     assert answer.model['sensor'] == {}
 
 

@@ -62,6 +62,7 @@ def test_a_wrong_mass_is_a_parameter_and_no_physics(make_campaign):
     assert answer.accepted == ('wrong_parameter',)
     finding = answer.ranking[0]
     assert finding.parameters['name'].value == 'moving_mass'
+    assert finding.parameters['place'].value == 'pendulum.moving_mass'
     assert parameter(answer, 'ratio')[0] == pytest.approx(1.06, rel=0.005)
 
 

@@ -15,7 +15,13 @@ from impactscope.discrepancy.answer import (
     stand_ins_told,
 )
 from impactscope.discrepancy.driven.findings.decision import decide
-from impactscope.discrepancy.driven.findings.figures import p_value_of, places, table, traces
+from impactscope.discrepancy.driven.findings.figures import (
+    p_value_of,
+    p_value_of_wrong,
+    places,
+    table,
+    traces,
+)
 from impactscope.discrepancy.driven.findings.free_swing import as_force, mass_of_free_swing
 from impactscope.discrepancy.driven.findings.ranking import STATED, modal_finding
 from impactscope.discrepancy.driven.findings.subject import Subject
@@ -46,7 +52,7 @@ def describe(subject: Subject) -> Answer:
         kind=s.campaign.kind.value,
         mismatch=Mismatch(
             detected,
-            p_value_of(s, final),
+            min(p_value_of(s, final), *map(p_value_of_wrong, told.wrong), 1.0),
             places(s, base, final) if detected else (),
             subsystems,
         ),

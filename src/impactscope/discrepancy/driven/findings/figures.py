@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal, stats
 
-from impactscope.discrepancy.answer import FitFigures, FitTable, Region, Trace
+from impactscope.discrepancy.answer import Finding, FitFigures, FitTable, Region, Trace
 from impactscope.discrepancy.driven.findings.misfit_regions import case_regions
 from impactscope.discrepancy.driven.findings.quantisation_steps import STEPS, rounding
 from impactscope.discrepancy.driven.findings.ranking import unknown_finding
@@ -26,7 +26,7 @@ from impactscope.discrepancy.evidence import (
     is_white,
 )
 
-__all__ = ['left_over', 'p_value_of', 'places', 'table', 'traces']
+__all__ = ['left_over', 'p_value_of', 'p_value_of_wrong', 'places', 'table', 'traces']
 
 Array = NDArray[np.float64]
 
@@ -59,6 +59,13 @@ def p_value_of(s: Subject, final: Fit) -> float:
             return 1.0
         gain = best
     return family_p_value(max(gain.fitted, 0.0), max(gain.numbers, 1), s.judge.looks)
+
+
+def p_value_of_wrong(wrong: Finding) -> float:
+    """Chance that a number of a file is met so badly where it is right; 1 where unknown."""
+    if not math.isfinite(wrong.evidence):
+        return 1.0
+    return family_p_value(wrong.evidence, 1, 1)
 
 
 def _rms(values: Array) -> float:

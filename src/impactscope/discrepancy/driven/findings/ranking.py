@@ -474,6 +474,7 @@ def wrong_parameters(s: Subject) -> list[Finding]:
     values, certain = s.outcome.best.values, s.outcome.best.std
     beside = ', or the mass is not: they show over it alone' if swings_freely(s) else ''
     ratios: dict[str, tuple[float, float]] = {}  # of the recordings' number to the stated one
+    evidence: dict[str, float] = {}  # chi-square of the difference
     wrong = []
     for name, fitted, stated, std in [] if s.modes is not None else _stated(s):
         if fitted not in values:
@@ -482,18 +483,27 @@ def wrong_parameters(s: Subject) -> list[Finding]:
         std = math.hypot(std, certain.get(fitted, 0.0))
         floor = 0.0 if s.case is not None else 0.005 * abs(stated)
         ratios[name] = (value / stated, std / abs(stated)) if stated else (math.inf, math.inf)
-        if abs(value - stated) > SUSPECT * std + floor:
+        beyond = abs(value - stated) - floor
+        if beyond > SUSPECT * std:
             wrong.append(name)
+            evidence[name] = (beyond / std) ** 2 if std > 0.0 else math.nan
     of_machine = [r for name, r in ratios.items() if not name.startswith('gain.')]
     if len(wrong) > 1 and (gain := _common_gain(s, of_machine)) is not None:
         return [gain]
     return [
-        _wrong(name, *ratios[name], f'The stated {name} is not that of the recordings{beside}.')
+        _wrong(
+            name,
+            *ratios[name],
+            f'The stated {name} is not that of the recordings{beside}.',
+            evidence[name],
+        )
         for name in wrong
     ]
 
 
-def _wrong(name: str, ratio: float, std: float, sentence: str) -> Finding:
+def _wrong(
+    name: str, ratio: float, std: float, sentence: str, evidence: float = math.nan
+) -> Finding:
     return Finding(
         'wrong_parameter',
         1.0,
@@ -504,6 +514,7 @@ def _wrong(name: str, ratio: float, std: float, sentence: str) -> Finding:
         },
         sentence=sentence,
         equation=f'{name} x {ratio:.4g}',
+        evidence=evidence,
     )
 
 

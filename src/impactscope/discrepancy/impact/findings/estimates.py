@@ -50,6 +50,8 @@ def estimates(candidate: Candidate, fitted: Fit) -> dict[str, ParameterEstimate]
         name = key.rsplit('.', 1)[-1] if not key.startswith('gain') else key
         name = {'angle': 'release_angle_deg'}.get(name, name)
         result = {'name': ParameterEstimate(name, math.nan, 'text')}
+        if name != key and '.' in key:  # a layer has several of a name
+            result['place'] = ParameterEstimate(key, math.nan, 'text')
         if candidate.free:
             stated = stated_value(candidate)
             value = fitted.values[candidate.free[0].key]
