@@ -46,3 +46,27 @@ def test_a_hum_with_a_phase_in_each_recording_pays_for_all_of_them(doubted):
 def test_a_law_that_was_seen_has_to_be_gone(doubted):
     assert doubted(1, 40.0, laws_before=1e-5, laws_after=1e-4) == []
     assert doubted(1, 40.0, laws_before=1e-5, laws_after=0.4) == ['mains_hum']
+
+
+@pytest.mark.parametrize(
+    ('fitted', 'rise', 'taken'),
+    [
+        (-4.0, 0.0, True),
+        (-4.0, 95.0, False),  # held-out recordings are missed by far more
+        (4.0, -95.0, True),
+        (4.0, 0.0, False),
+        (-4.0, None, True),  # nothing is held out
+    ],
+)
+def test_what_names_leave_open_is_taken_as_held_out_recordings_have_it(
+    monkeypatch, fitted, rise, taken
+):
+    model = SimpleNamespace(data=SimpleNamespace(held_out=(1,)))
+    usual, swung = (
+        Outcome(None, SimpleNamespace(chi_square=level, model=model), [])
+        for level in (1000.0, 1000.0 + fitted)
+    )
+    predicted = None if rise is None else SimpleNamespace()
+    monkeypatch.setattr(impact_search, 'held_out_fit', lambda *_: predicted)
+    monkeypatch.setattr(impact_search, 'further_misfit', lambda *_: rise)
+    assert (impact_search._likelier_way(usual, swung) is swung) is taken

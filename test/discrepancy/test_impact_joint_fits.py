@@ -201,3 +201,27 @@ def test_a_fit_that_keeps_little_of_what_slopes_promise_sets_out_from_there(wind
     assert abs(found.values[key] - 0.05) < 4.0 * found.std(key)
     assert _by_slope(dataclasses.replace(trial, by_slope=None), whole, stuck) is stuck
     assert _by_slope(trial, whole, found) is found  # nothing better is there
+
+
+@pytest.mark.parametrize(('reached', 'again'), [(500.0, True), (990.0, False)])
+def test_candidates_are_tried_again_beside_a_far_better_fit_that_one_led_to(
+    monkeypatch, reached, again
+):
+    current = SimpleNamespace(chi_square=1000.0, reduced=1.0)
+    lower = SimpleNamespace(chi_square=reached, reduced=1.0)
+    there, here = (
+        Found(SimpleNamespace(label=label), lower, gain, 1.0, -gain)
+        for label, gain in (('friction', -480.0), ('friction', 21.0))
+    )
+    beside = []
+
+    def tried(_self, fit, _sound, _most, suspected):
+        beside.append((fit, list(suspected)))
+        return ([there] if fit is current else [here]), 40, lower
+
+    monkeypatch.setattr(JointFits, '_tried', tried)
+    found, looks, without = JointFits((), Thresholds()).step(current)
+    assert without is lower
+    assert looks == 40
+    assert found == ([here] if again else [there])
+    assert beside == [(current, []), (lower, [there])][: 1 + again]

@@ -58,6 +58,7 @@ from impactscope.discrepancy.impact.search.outcome import (
     with_findings,
 )
 from impactscope.discrepancy.impact.search.pairs import Pair, pairs
+from impactscope.discrepancy.impact.search.prediction_misfit import further_misfit
 from impactscope.discrepancy.impact.search.profile_likelihood import profiled
 from impactscope.discrepancy.impact.search.pruning import (
     at_bottom,
@@ -219,11 +220,7 @@ class Search:
             notes=list(outcome.notes),
             tests=None,
         )
-        swung = self._finished(swung)
-        fewer = len(swung.accepted) < len(outcome.accepted)
-        ahead = swung.final.chi_square < outcome.final.chi_square
-        same = swung.final.chi_square < outcome.final.chi_square + _LEAST_GAIN
-        return swung if ahead or (fewer and same) else outcome
+        return _likelier_way(outcome, self._finished(swung))
 
     def _from_the_other(self, outcome: Outcome, taken: ImpactModel) -> Outcome:
         """The search from a baseline taken otherwise from the start, if it needs nothing else.
@@ -637,6 +634,32 @@ class Search:
             predicted = held_out_fit(outcome.final, held_out, outcome.window)
             if predicted is not None:
                 outcome.held_out_final = predicted
+
+
+def _likelier_way(outcome: Outcome, swung: Outcome) -> Outcome:
+    """Of two ways to take the names what fitted and held-out recordings are met by better.
+
+    Fitted ones alone may say next to nothing of what later contacts of a harder blow tell.
+    """
+    fewer = len(swung.accepted) < len(outcome.accepted)
+    worse = swung.final.chi_square - outcome.final.chi_square
+    worse += _predicted_worse(outcome, swung)
+    return swung if worse < 0.0 or (fewer and worse < _LEAST_GAIN) else outcome
+
+
+def _predicted_worse(outcome: Outcome, other: Outcome) -> float:
+    """Rise of chi-square of the held-out recordings from one outcome to another; 0 if unknown."""
+    predictions = []
+    for each in (outcome, other):
+        final = each.final
+        try:
+            predicted = held_out_fit(final, final.model.data.held_out, each.window)
+        except ImpactscopeError:
+            return 0.0
+        if predicted is None:
+            return 0.0
+        predictions.append((final, predicted))
+    return further_misfit(*predictions)
 
 
 def _without_strayed_line(outcome: Outcome) -> None:

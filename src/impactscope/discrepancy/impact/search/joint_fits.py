@@ -57,6 +57,7 @@ _AHEAD, _LAST = 3, 40  # fits that are brought to their end, and in how many
 _BEARABLE = 10.0  # times the chi-square without it
 _JOINT = 6  # candidates that are fitted jointly in a step
 _TIED = 8.0  # of the gain, within which one promises as much as another
+_LOWER = 20.0  # of chi-square, by which a fit that a candidate led to lies in another hollow
 _KEPT = 0.6  # of what slopes promise, below which a fit has lost its way
 
 
@@ -86,6 +87,26 @@ class JointFits:
         misfit is large, its numbers are closer to the truth than those that were bent to fit.
         ``suspected``: candidates that a shorter window has not borne out.
         """
+        found, looks, without = self._tried(current, sound, most, suspected)
+        fallen = (current.chi_square - without.chi_square) / max(1.0, without.reduced)
+        if most or fallen < _LOWER or without.reduced > QUIET:
+            return found, looks, without
+        if not time_left('candidates beside a better fit'):
+            return found, looks, without
+        # what was fitted in another hollow says little of this one
+        anew, looks, lowest = self._tried(without, None, most, found)
+        there = {f.candidate.label for f in anew}
+        kept = [
+            weigh(f.candidate, f.fit, lowest, looks)
+            for f in found
+            if f.candidate.label not in there
+        ]
+        return sorted([*anew, *kept], key=lambda f: f.criterion), looks, lowest
+
+    def _tried(
+        self, current: Fit, sound: Fit | None, most: int, suspected: Sequence[Found]
+    ) -> tuple[list[Found], int, Fit]:
+        """The same, once."""
         if current.reduced < QUIET:
             # what fitted numbers re-tune of a length is hundreds of times what is left of it, and
             # what they have not reached yet would count as gained by whatever is added
