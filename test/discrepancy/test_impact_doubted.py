@@ -1,5 +1,6 @@
 """What may make noise of what is left, where the evidence for it alone does not count."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -56,6 +57,7 @@ def test_a_law_that_was_seen_has_to_be_gone(doubted):
         (4.0, -95.0, True),
         (4.0, 0.0, False),
         (-4.0, None, True),  # nothing is held out
+        (-4.0, math.inf, True),  # neither meets what is
     ],
 )
 def test_what_names_leave_open_is_taken_as_held_out_recordings_have_it(
@@ -66,7 +68,8 @@ def test_what_names_leave_open_is_taken_as_held_out_recordings_have_it(
         Outcome(None, SimpleNamespace(chi_square=level, model=model), [])
         for level in (1000.0, 1000.0 + fitted)
     )
-    predicted = None if rise is None else SimpleNamespace()
+    reduced = 3.0 if rise == math.inf else 1.0
+    predicted = None if rise is None else SimpleNamespace(reduced=reduced)
     monkeypatch.setattr(impact_search, 'held_out_fit', lambda *_: predicted)
     monkeypatch.setattr(impact_search, 'further_misfit', lambda *_: rise)
     assert (impact_search._likelier_way(usual, swung) is swung) is taken

@@ -648,7 +648,10 @@ def _likelier_way(outcome: Outcome, swung: Outcome) -> Outcome:
 
 
 def _predicted_worse(outcome: Outcome, other: Outcome) -> float:
-    """Rise of chi-square of the held-out recordings from one outcome to another; 0 if unknown."""
+    """Rise of chi-square of the held-out recordings from one outcome to another; 0 if unknown.
+
+    So it is where neither meets them: what they alone show would be taken for the choice.
+    """
     predictions = []
     for each in (outcome, other):
         final = each.final
@@ -659,6 +662,8 @@ def _predicted_worse(outcome: Outcome, other: Outcome) -> float:
         if predicted is None:
             return 0.0
         predictions.append((final, predicted))
+    if min(predicted.reduced for _, predicted in predictions) > QUIET:
+        return 0.0
     return further_misfit(*predictions)
 
 
