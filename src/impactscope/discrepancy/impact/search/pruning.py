@@ -300,7 +300,10 @@ def _instead(
         if nearer is not None and (other is None or nearer.chi_square < other.chi_square):
             other = nearer
     same = bool(mine.candidate.parameter) and candidate.name in kin_of(mine.candidate)
-    if other is not None and (same or other.chi_square > outcome.final.chi_square + _CLOSE):
+    # a plain law that lacks more than chance may only have stopped short beside its fuller form
+    plain = contains(mine.candidate, candidate)
+    behind = outcome.final.chi_square + (_AS_MUCH if plain else _CLOSE)
+    if other is not None and (same or other.chi_square > behind):
         nearer = with_its_numbers(outcome.final, without, candidate)
         if nearer is not None and nearer.chi_square < other.chi_square:
             other = nearer
