@@ -436,7 +436,7 @@ class Search:
     def _alone(
         self, start: Fit, current: Fit, listed: Sequence[Candidate], looks: int, dearer: float
     ) -> list[Found]:
-        """Candidates fitted alone over the whole window of a fit without any; see the next.
+        """Candidates fitted alone over the whole window of a fit without any.
 
         Where that fit is lost its numbers are bent, and trials beside them say little.
         """
@@ -448,7 +448,7 @@ class Search:
     def _from_first_contacts(
         self, start: Fit, current: Fit, listed: Sequence[Candidate], looks: int, dearer: float
     ) -> list[Found]:
-        """The same, from windows that grow.
+        """Candidates fitted alone, from the first contacts on over windows that grow.
 
         What explains everything alone explains the first contacts alone, no worse than
         ``current``, which has findings that count for ``dearer`` of chi-square.

@@ -89,12 +89,11 @@ class JointFits:
         """
         found, looks, without = self._tried(current, sound, most, suspected)
         fallen = (current.chi_square - without.chi_square) / max(1.0, without.reduced)
-        if most or fallen < _LOWER or without.reduced > QUIET:
-            return found, looks, without
-        if not time_left('candidates beside a better fit'):
+        elsewhere = not most and fallen > _LOWER and without.reduced < QUIET
+        if not elsewhere or not time_left('candidates beside a better fit'):
             return found, looks, without
         # what was fitted in another hollow says little of this one
-        anew, looks, lowest = self._tried(without, None, most, found)
+        anew, looks, lowest = self._tried(without, None, 0, found)
         there = {f.candidate.label for f in anew}
         kept = [
             weigh(f.candidate, f.fit, lowest, looks)
@@ -106,7 +105,7 @@ class JointFits:
     def _tried(
         self, current: Fit, sound: Fit | None, most: int, suspected: Sequence[Found]
     ) -> tuple[list[Found], int, Fit]:
-        """The same, once."""
+        """One turn of a step; see there."""
         if current.reduced < QUIET:
             # what fitted numbers re-tune of a length is hundreds of times what is left of it, and
             # what they have not reached yet would count as gained by whatever is added
