@@ -10,6 +10,7 @@ import pytest
 from impactscope.discrepancy.answer import ParameterEstimate
 from impactscope.discrepancy.driven.findings.ranking import (
     _among_forms,
+    _bends_no_further,
     _confused,
     _no_surer,
     _one_form_each,
@@ -220,3 +221,22 @@ def test_states_of_single_recordings_make_no_rival_the_richer_one():
     # of what is far less likely nothing is said
     found = _confused(subject, 'base_compliance', names, (best, filtered), (0.99, 0.01))
     assert found == ()
+
+
+@pytest.mark.parametrize(
+    ('name', 'amounts', 'gain', 'is_open'),
+    [
+        ('stribeck_friction', ('kinetic_force',), 3.0, True),
+        ('stribeck_friction', ('kinetic_force',), 30.0, False),  # its shape is seen
+        ('stribeck_friction', ('kinetic_force', 'speed'), 3.0, False),  # amounts alone
+        ('hysteresis', ('kinetic_force',), 3.0, False),  # another law
+    ],
+)
+def test_a_shape_of_which_nothing_is_seen_has_any_numbers(name, amounts, gain, is_open):
+    numbers = tuple(SimpleNamespace(name=n) for n in ('kinetic_force', 'speed'))
+    term = SimpleNamespace(name=name, numbers=numbers, amounts=amounts)
+    subject = SimpleNamespace(
+        outcome=SimpleNamespace(best=SimpleNamespace(terms=(Term('coulomb_friction'),))),
+        judge=SimpleNamespace(gain=lambda best, made: SimpleNamespace(fitted=gain)),
+    )
+    assert _bends_no_further(subject, term, None) is is_open

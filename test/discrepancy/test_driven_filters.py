@@ -113,6 +113,21 @@ def test_a_recording_that_begins_in_motion_holds_what_was_before(before, order):
     assert (np.max(np.abs(unknown - out)) < 1e-9) == (before == 0)
 
 
+def test_a_course_that_is_off_at_its_end_makes_no_level_before_it():
+    """A coupling takes the level before a recording off all of it, also one that is none."""
+    term = next(
+        t for t in channel_terms('c', 'N', RATE, 1.5, 0.1, 1.0) if t.label == 'ac_coupling/output'
+    )
+    wave = np.zeros(SAMPLES)
+    wave[SAMPLES // 10 :] = np.sin(2.0 * np.pi * 7.3 * np.arange(SAMPLES - SAMPLES // 10) / RATE)
+    values = {f'{term.label}.corner': 1e-6}
+    off = wave.copy()
+    off[:6] += (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
+    for samples in (wave, off):
+        found = passed_on(samples, {term.name: term}, values, 1.0 / RATE, 0.0)
+        assert np.max(np.abs(found[6:] - wave[6:])) < 1e-4
+
+
 @pytest.mark.parametrize('both', [False, True])  # forwards, and backwards, too
 def test_a_slow_filter_of_recordings_cut_from_a_longer_one(both):
     answer = explain_driven(cut_out(3, 25.0, both=both))

@@ -18,7 +18,15 @@ from impactscope.discrepancy.impact.search.outcome import Found, Outcome
 
 def candidate_of(name):
     number = SimpleNamespace(key=f'{name}.force')
-    return SimpleNamespace(label=name, name=name, free=(number,), effects=(), cost=1, channel='')
+    return SimpleNamespace(
+        label=name,
+        name=name,
+        free=(number,),
+        effects=(),
+        cost=1,
+        channel='',
+        hum_amplitude=lambda joint: None,
+    )
 
 
 def found_of(candidate, criterion, refused=False, size=100):
@@ -169,6 +177,21 @@ def test_where_recordings_are_missed_rivals_are_fitted_to_all(
     assert (outcome.accepted == [rival.candidate]) is takes_its_place
     if takes_its_place:
         assert outcome.found['loop'].criterion == -80.0  # 40 likelier than what it replaces
+
+
+def test_a_name_is_chosen_with_what_held_out_recordings_tell(monkeypatch):
+    """They had preferred a drift; by the fitted ones alone an offset had it again."""
+    offset, drift = formed('offset', 'offset', 100.0), formed('zero_drift', 'drift', 101.0)
+    drift.fit.layout, drift.fit.model = offset.fit.layout, offset.fit.model
+    outcome = Outcome(offset.fit, offset.fit, [offset.candidate])
+    outcome.found['offset'], outcome.rivals['offset'] = offset, [drift]
+    outcome.held_out_final = SimpleNamespace(reduced=1.0)
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: SimpleNamespace(reduced=1.0))
+    monkeypatch.setattr(held_out, 'further_misfit', lambda *_: -4.0)
+    held_out._weigh_rivals(outcome, Thresholds())
+    held_out._by_name(outcome)
+    assert [c.label for c in outcome.accepted] == ['drift']
+    assert outcome.found['drift'].held_out == -4.0
 
 
 def test_where_recordings_are_missed_many_rivals_are_weighed(monkeypatch):

@@ -9,6 +9,7 @@ import pytest
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.impact.data.binning import BinnedChannel, _clipping, binned
+from impactscope.discrepancy.impact.data.blows import _hangs
 
 RATE, STEP = 10_000.0, 0.33
 
@@ -96,3 +97,22 @@ def test_an_impactor_counts_from_its_contact_on(begins: float, swings: float, co
     assert bool(np.any(found.used[early])) is counts
     assert not np.any(found.used[found.centres < ONSET - 3.5e-4])
     assert np.all(found.used[found.centres > ONSET + 1.5e-4])
+
+
+@pytest.mark.parametrize('hangs', [True, False])
+def test_an_impactor_that_hangs_still_is_compared_before_the_onset_too(hangs):
+    """What its channel has of a hum shows there best; one that falls tells nothing before."""
+    values = 0.05 * np.random.default_rng(14).standard_normal(6000)
+    channel = ChannelSamples('acceleration.impactor', 'm/s^2', RATE, 0.0, values)
+    found = binned(channel, (ONSET, 2.0, 4.0), 0.05, None, coarse=False, hangs=hangs)
+    assert bool(found.used[found.centres < ONSET].any()) is hangs
+    assert found.used[found.centres > ONSET + 1e-3].all()
+
+
+@pytest.mark.parametrize(('moves', 'hangs'), [(0.0, True), (0.3, False)])
+def test_an_impactor_that_swings_does_not_hang(moves, hangs):
+    time = np.arange(6000) / RATE
+    values = 0.05 * np.random.default_rng(15).standard_normal(time.size)
+    values += moves * np.sin(2.0 * np.pi * time)
+    channel = ChannelSamples('acceleration.impactor', 'm/s^2', RATE, 0.0, values)
+    assert _hangs(channel, 0.55) is hangs

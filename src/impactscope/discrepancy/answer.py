@@ -6,6 +6,7 @@ form. SI units; times in s after a recording's first sample.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,6 +26,7 @@ __all__ = [
     'Region',
     'Trace',
     'held_out_alone',
+    'numbers_left_open',
     'stand_ins_told',
 ]
 
@@ -118,6 +120,17 @@ def stand_ins_told(names: Iterable[str]) -> tuple[str, ...]:
     if not told:
         return ()
     return (f'The extended model has {told} in the place of what is not known: no finding.',)
+
+
+def numbers_left_open(finding: Finding) -> Finding:
+    """A law that explains no more than a plainer one which it contains: any numbers would do.
+
+    How sharply one of its minima bends says nothing of how far its numbers may go.
+    """
+    open_to_all = {
+        name: dataclasses.replace(item, std=math.nan) for name, item in finding.parameters.items()
+    }
+    return dataclasses.replace(finding, parameters=open_to_all)
 
 
 def held_out_alone(table: FitTable, ratio: float) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from impactscope.discrepancy.answer import Finding, ParameterEstimate
+from impactscope.discrepancy.answer import Finding, ParameterEstimate, numbers_left_open
 from impactscope.discrepancy.campaign import CampaignKind
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import Verdict
 from impactscope.discrepancy.driven.findings.free_swing import (
@@ -30,6 +30,7 @@ from impactscope.discrepancy.driven.systems.linear_baseline import gain_toleranc
 from impactscope.discrepancy.driven.systems.prescribed_motion import PrescribedModel
 from impactscope.discrepancy.driven.systems.prescribed_noise_limited import NoiseLimitedMotionModel
 from impactscope.discrepancy.evidence import flat_top, probabilities
+from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
 __all__ = [
     'STATED',
@@ -107,7 +108,9 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
     others = sorted(listed, key=lambda n: -share[n])
     for name in others[:8]:
         term, made, _ = source[name]
-        found.append(_finding(s, term, made, min(share[name], REFUSED), ()))
+        other = _finding(s, term, made, min(share[name], REFUSED), ())
+        bends = not _bends_no_further(s, term, made)
+        found.append(other if bends else numbers_left_open(other))
     return found
 
 
@@ -281,6 +284,14 @@ def _open(s: Subject, made: Fit) -> bool:
             excess = value['excess_force'] + 2.0 * std['excess_force']
             return excess > EXCESS * value['kinetic_force']
     return False
+
+
+def _bends_no_further(s: Subject, term: Term, made: Fit) -> bool:
+    """Whether a law is that of a finding with a shape of its own, of which nothing is seen."""
+    names = {t.name for t in s.outcome.best.terms}
+    plain = term.name in all_mechanisms() and names & set(mechanism(term.name).contains)
+    shaped = any(n.name not in term.amounts for n in term.numbers)
+    return bool(plain) and shaped and s.judge.gain(s.outcome.best, made).fitted < ALIKE
 
 
 def _finding(

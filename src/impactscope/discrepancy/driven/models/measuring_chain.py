@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import signal, stats
 from scipy.interpolate import BSpline, CubicSpline
 
 from impactscope.discrepancy.driven.models.terms import Term
@@ -40,6 +40,7 @@ Array = NDArray[np.float64]
 QUIET = 50  # the beginning is so many times shorter than the recording
 STILL = 0.05  # of the recording's spread: what varies less is at rest
 LOADED = 0.3  # of the recording's spread: a mean that is a load
+OUTER = 0.25  # of the first samples, to either side of the others
 FORGOTTEN = 40.0  # time constants
 NEARLY = 0.98  # of a limit: from here on a sample may be cut off
 ABOVE = 20.0  # sampling rates: cut-offs beyond delay nothing
@@ -137,9 +138,13 @@ def _first(samples: Array) -> Array:
 
 
 def _before(samples: Array) -> float:
-    """Level before the first sample: that of a quiet beginning, else a load that stays, else 0."""
+    """Level before the first sample: that of a quiet beginning, else a load that stays, else 0.
+
+    The first samples may be off, where they come from a course that is told from one side only:
+    those in the middle count.
+    """
     if not begins_in_motion(samples):
-        return float(np.mean(_first(samples)))
+        return float(stats.trim_mean(_first(samples), OUTER))
     level = float(np.mean(samples))
     return level if abs(level) > LOADED * float(np.std(samples)) else 0.0
 

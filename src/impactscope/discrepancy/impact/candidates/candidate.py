@@ -10,8 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.evidence import price, shape_price
+from impactscope.discrepancy.impact.candidates.hum_amplitude import HumAmplitude, hum_amplitude
 from impactscope.discrepancy.impact.fits.least_squares import Fit
-from impactscope.discrepancy.impact.models.bench_model import ActiveEffect, Free, ImpactModel
+from impactscope.discrepancy.impact.models.bench_model import (
+    PHASE,
+    ActiveEffect,
+    Free,
+    ImpactModel,
+)
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
 __all__ = ['Candidate', 'contains', 'kin_of', 'stronger']
@@ -100,7 +106,26 @@ class Candidate:
         """
         shape, own = self._shape, self._own
         told = _told(joint, shape, np.array([_spread(f) for f in shape])) if shape else 0.0
-        return told + price(gain, self.cost - own - len(shape), own, joint.layout.size)
+        samples = joint.layout.size
+        cost = price(gain, self.cost - own - len(shape), own, samples)
+        hum = self.hum_amplitude(joint)
+        if hum is not None:
+            cost = min(cost, hum.taken + price(gain, 1, 0, samples))
+        return told + cost
+
+    def hum_amplitude(self, joint: Fit) -> HumAmplitude | None:
+        """The amplitude that all recordings share, of a hum; None of anything else.
+
+        ``joint``: a fit with it.
+        """
+        if self.name != 'mains_hum':
+            return None
+        tag, parts = self.effects[0].tag, []
+        covariance = joint.covariance()
+        for i in self.fitted:
+            places = [joint.model.index(f'{tag}.{part}@{i}') for part in PHASE]
+            parts.append((joint.x[places], covariance[np.ix_(places, places)]))
+        return hum_amplitude(parts)
 
     def price_beyond_plain(self, joint: Fit) -> float:
         """Fall of chi-square that what it has beyond a law of one number costs.

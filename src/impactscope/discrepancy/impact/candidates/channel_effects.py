@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.candidates.motion_scales import MotionScales
-from impactscope.discrepancy.impact.models.bench_model import ActiveEffect, Free
+from impactscope.discrepancy.impact.models.bench_model import PHASE, ActiveEffect, Free
 from impactscope.discrepancy.impact.models.measuring_chain import HIGHEST, LOWEST_AHEAD
 from impactscope.physics.mechanisms.mechanism import Mechanism
 from impactscope.physics.mechanisms.registry import mechanism
@@ -49,7 +49,7 @@ def chain_candidates(kind: Mechanism, channel: str, scales: MotionScales) -> Ite
         free += [
             Free(f'{tag}.{part}@{i}', 0.0, noise, blow=i)
             for i in range(len(scales.model.data.blows))
-            for part in ('sine', 'cosine')
+            for part in PHASE
         ]
         frequencies = dict.fromkeys((50.0, 60.0, *scales.resonances.get(channel, ())[:2]))
         parts = {f.key: noise for f in free[1:]}

@@ -80,6 +80,7 @@ def binned(
     colour: Colour | None,
     *,
     coarse: bool,
+    hangs: bool = False,
     ringing: float = math.inf,
 ) -> BinnedChannel:
     """One channel in bins.
@@ -90,6 +91,7 @@ def binned(
         sigma: noise of a sample.
         colour: of the noise; None: white.
         coarse: of a channel that contacts and reversals do not make jump.
+        hangs: whether an impactor is at rest before the onset, too.
         ringing: time after the onset, s, from which the bench only rings, without contacts.
     """
     rate = channel.sample_rate
@@ -127,7 +129,7 @@ def binned(
         variance = variance * _same(samples, edges)
     variance = variance + (_RELATIVE_FLOOR * means) ** 2 + (_TIME_FLOOR * slope) ** 2
     used = np.isfinite(means)
-    if channel.name == 'acceleration.impactor':
+    if channel.name == 'acceleration.impactor' and not hangs:
         used &= edges >= _in_contact(samples, since, rate, sigma)
     if math.isfinite(clip):
         hit = np.abs(samples) >= clip * (1 - 1e-6)

@@ -52,6 +52,7 @@ _MANY_BINS = 80_000  # of a campaign, above which late bins are longer
 _COARSER = 0.35  # s after the onset, from which they are
 _LET_GO = ('pendulum', 'drop')  # kinds of blows
 _RELEASED = 1.25  # times the earth's acceleration, which a release shows
+_KEEPS_STILL = ('robot', 'tap')  # whose impactor may show a level before the blow
 _RELEASE = 2  # samples at least on either side of the moment in which an impactor is let go
 _OF_RELEASE = 1.5  # times the least that is left, from which more than slow noise was there
 _SHRUNK = 1.1  # times the least that is left, up to which a shorter gap will do
@@ -517,7 +518,7 @@ def _quiet(
         parts = [before]
         if name == 'acceleration.impactor':
             unswung = _about_release(before)
-            if recording.kind != 'robot' or not _steady(before, unswung):
+            if recording.kind not in _KEEPS_STILL or not _steady(before, unswung):
                 parts, bent = unswung, True
         quiet.setdefault(channel.sample_rate, []).extend(parts)
     return quiet, bent
@@ -526,6 +527,12 @@ def _quiet(
 def _steady(before: Array, unswung: Sequence[Array]) -> bool:
     """Whether an impactor shows no more before the blow than without its smooth course."""
     return before.size >= SHORTEST and float(np.std(before)) <= _STEADY * _pooled(unswung)
+
+
+def _hangs(channel: ChannelSamples, onset: float) -> bool:
+    """Whether an impactor is at rest before a hammer strikes the plate."""
+    before = channel.values[channel.time < onset - 2e-3]
+    return _steady(before, _about_release(before))
 
 
 def _about_release(before: Array) -> list[Array]:
@@ -597,6 +604,7 @@ def _blow(
             noise[name],
             colours.get(name),
             coarse=coarse,
+            hangs=recording.kind == 'tap' and _hangs(channel, onset),
             ringing=min(coarser, RETURN if alone else math.inf),
         )
         if math.isfinite(channels[name].clipped_at):

@@ -77,16 +77,10 @@ def estimates(candidate: Candidate, fitted: Fit) -> dict[str, ParameterEstimate]
         static, kinetic = result['static_force'], result['kinetic_force']
         if float(static.value) < float(kinetic.value):  # simulated as no peak at rest
             result['static_force'] = ParameterEstimate(kinetic.value, math.nan, static.unit)
-    if candidate.name == 'mains_hum':
-        tag = candidate.effects[0].tag
-        blows = fitted.model.data.fitted
-        parts = [f'{tag}.{part}@{i}' for i in blows for part in ('sine', 'cosine')]
-        chance = sum(fitted.std(key) ** 2 for key in parts)
-        # noise makes each part larger, whatever its sign
-        square = max(sum(values[key] ** 2 for key in parts) - chance, 0.0) / len(blows)
-        std = math.sqrt(0.5 * chance) / len(blows)
+    hum = candidate.hum_amplitude(fitted)
+    if hum is not None:
         unit = result['amplitude'].unit
-        result['amplitude'] = ParameterEstimate(math.sqrt(square), std, unit)
+        result['amplitude'] = ParameterEstimate(hum.value, hum.std, unit)
         result.pop('phase', None)
     return result
 

@@ -6,9 +6,9 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-from impactscope.discrepancy.answer import Finding, ParameterEstimate
+from impactscope.discrepancy.answer import Finding, ParameterEstimate, numbers_left_open
 from impactscope.discrepancy.evidence import Thresholds, probabilities
-from impactscope.discrepancy.impact.candidates.candidate import Candidate
+from impactscope.discrepancy.impact.candidates.candidate import Candidate, contains
 from impactscope.discrepancy.impact.findings.clock_drift import with_rate
 from impactscope.discrepancy.impact.findings.estimates import estimates, stated_value
 from impactscope.discrepancy.impact.fits.least_squares import Fit
@@ -19,6 +19,7 @@ from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 __all__ = ['ranked', 'share_of_known', 'weaker']
 
 _FAR_UP = 0.6  # of a cut-off, pi times it over the sampling rate
+_SEEN = 9.0  # of chi-square, from which a law's shape shows
 _AS_GOOD = 0.985  # of the evidence, of an explanation that is as good
 
 
@@ -70,6 +71,8 @@ def ranked(outcome: Outcome, accepted: Sequence[Candidate]) -> list[Finding]:
             instead = _finding(
                 rival.candidate, rival.fit, share, (candidate.name,), rival, math.nan
             )
+            if _bends_no_further(rival, mine):
+                instead = numbers_left_open(instead)
             later.append(_among_orders(instead, rival, rivals))
     if not accepted:
         shares = probabilities([0.0, *(f.criterion for f in outcome.last)])[1:]
@@ -170,6 +173,13 @@ def _another_form(rival: Found, mine: Found, final: Fit) -> bool:
 def _nests(rival: Found, mine: Found) -> bool:
     """Whether a rival fits as well and only costs more numbers: the data cannot tell them."""
     return rival.candidate.cost > mine.candidate.cost and rival.gain > mine.gain - 3.0
+
+
+def _bends_no_further(rival: Found, mine: Found) -> bool:
+    """Whether a rival is the finding's law with a shape of its own, of which nothing is seen."""
+    shaped = any(f.key not in rival.candidate.amplitudes for f in rival.candidate.free)
+    fuller = contains(rival.candidate, mine.candidate) and shaped
+    return fuller and rival.gain < mine.gain + _SEEN
 
 
 def _kin(rival: Found, mine: Found) -> bool:

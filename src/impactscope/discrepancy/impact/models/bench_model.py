@@ -47,13 +47,14 @@ from impactscope.physics.twin.bench import (
 )
 from impactscope.physics.twin.simulate import CHANNELS, solve
 
-__all__ = ['SPEED_RATIO', 'ActiveEffect', 'Free', 'ImpactModel', 'Layout', 'Prediction']
+__all__ = ['PHASE', 'SPEED_RATIO', 'ActiveEffect', 'Free', 'ImpactModel', 'Layout', 'Prediction']
 
 Array = NDArray[np.float64]
 _Moments = tuple[Array, dict[str, NDArray[np.int64]]]
 _Solution = tuple[Array, Array, NDArray[np.int64]]  # rows, event times and kinds
 
 SPEED_RATIO = 'impact_speed_loss.ratio'
+PHASE = ('sine', 'cosine')  # numbers of a hum in each recording
 _SOLUTIONS = 8  # kept for each blow
 _MOMENTS, _WHITENERS = 60, 300  # kept
 _FILTERED = 256  # samples at least, that a filter is given
@@ -541,7 +542,7 @@ class ImpactModel:
                 continue
             numbers = self._numbers(values, active, i)
             if active.name == 'mains_hum':
-                for part in ('sine', 'cosine'):
+                for part in PHASE:
                     numbers[part] = values.get(f'{active.tag}.{part}@{i}', 0.0)
             if active.name == 'low_pass_filter':
                 numbers['ahead'] = values.get(f'{active.tag}.ahead', 0.0)

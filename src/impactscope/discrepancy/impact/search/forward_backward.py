@@ -53,6 +53,7 @@ from impactscope.discrepancy.impact.search.outcome import (
     QUIET,
     Found,
     Outcome,
+    chance_of,
     evidence_for,
     weigh,
     with_findings,
@@ -285,8 +286,11 @@ class Search:
         if not outcome.accepted or _misses_more(outcome.baseline, final):
             return
         gain = evidence_for(final, outcome.baseline)
-        cost = sum(c.cost for c in outcome.accepted)
-        chance = family_p_value(gain, cost, outcome.looks)
+        if len(outcome.accepted) == 1:
+            chance = chance_of(outcome.accepted[0], final, gain, outcome.looks)
+        else:
+            cost = sum(c.cost for c in outcome.accepted)
+            chance = family_p_value(gain, cost, outcome.looks)
         structural = any(not c.free for c in outcome.accepted)
         if outcome.doubted and not structural and gain < _LEAST_GAIN:
             # what made the finding needed was gone with the samples that the last fit left out

@@ -135,8 +135,8 @@ def _weighed_by_prediction(
     weighed: dict[int, tuple[Found, Fit]] = {}
     for i, rival, predicted in _predicted(outcome, mine, mine.criterion + _OPEN):
         worse = further_misfit((outcome.final, held_out), (rival.fit, predicted))
-        criterion = rival.criterion + worse / max(1.0, predicted.reduced)
-        weighed[i] = dataclasses.replace(rival, criterion=criterion), predicted
+        more = worse / max(1.0, predicted.reduced)
+        weighed[i] = _with_held_out(rival, rival.criterion, more), predicted
         if len(weighed) == _RIVALS:
             break
     return weighed
@@ -165,11 +165,18 @@ def _weighed_together(
     for i, rival, predicted in _predicted(outcome, mine, open_until):
         if math.isinf(known) or prediction_misfit(rival.fit, predicted) > most:
             continue
-        criterion = mine.criterion + cost(rival, rival.fit, predicted) - known
-        weighed[i] = dataclasses.replace(rival, criterion=criterion), predicted
+        ahead = cost(rival, rival.fit, predicted) - known
+        fitted = _cost(outcome, mine, rival, rival.fit) - _cost(outcome, mine, mine, final)
+        alone = mine.criterion + fitted
+        weighed[i] = _with_held_out(rival, alone, ahead - fitted), predicted
         if len(weighed) == _RIVALS:
             break
     return weighed
+
+
+def _with_held_out(rival: Found, criterion: float, more: float) -> Found:
+    """A rival by the fitted recordings alone, and what those held out add to its criterion."""
+    return dataclasses.replace(rival, criterion=criterion + more, held_out=more)
 
 
 def _cost(outcome: Outcome, mine: Found, found: Found, fitted: Fit) -> float:
@@ -246,7 +253,8 @@ def _by_name(outcome: Outcome) -> None:
     def cost(form: Found) -> float:
         if not candidate.channel:
             return form.criterion
-        return _cost(outcome, mine, form, form.fit)  # anew: rivals were weighed in other fits
+        # anew: rivals were weighed in other fits
+        return _cost(outcome, mine, form, form.fit) + form.held_out
 
     forms: dict[str, list[Found]] = {}
     for form in (mine, *rivals):

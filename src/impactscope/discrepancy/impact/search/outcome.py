@@ -27,6 +27,7 @@ __all__ = [
     'with_findings',
 ]
 
+_OF_A_HUM = 2  # numbers that all recordings share: amplitude and frequency
 _MAINS_BAND = 0.5  # Hz about the mains and their harmonics
 _UNBORNE = 4.0  # times the gain that a finding's size explains, from which a fit is doubted
 _LEAST = 9.0  # of chi-square, that are worth another fit
@@ -43,6 +44,7 @@ class Found:
     p_value: float
     criterion: float  # information criterion, less that of the model without the candidate
     refused: bool = False  # numbers of each recording, or any frequency, that do not pay
+    held_out: float = 0.0  # of the criterion, what held-out recordings add to it
 
     def counts(self, false_finding: float) -> bool:
         """Whether chance would gain as much in no more than that share of campaigns."""
@@ -128,7 +130,11 @@ def chance_of(candidate: Candidate, joint: Fit, gain: float, looks: int) -> floa
     What rings for long has a narrow line, which could have been found at as many frequencies as
     there are such lines: then these count, and not its frequency and damping as two numbers.
     """
-    chance = family_p_value(gain, candidate.cost, looks * _places(candidate, joint))
+    looks *= _places(candidate, joint)
+    chance = family_p_value(gain, candidate.cost, looks)
+    hum = candidate.hum_amplitude(joint)
+    if hum is not None:  # asked in two ways
+        chance = min(chance, family_p_value(gain - hum.taken, _OF_A_HUM, 2 * looks))
     lines = _lines(candidate, joint)
     if lines > 1 and candidate.cost > 2:
         chance = max(chance, family_p_value(gain, candidate.cost - 2, looks * lines))
