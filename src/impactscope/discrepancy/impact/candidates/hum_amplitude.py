@@ -21,6 +21,8 @@ __all__ = ['HumAmplitude', 'hum_amplitude']
 Array = NDArray[np.float64]
 
 _FARTHEST = 3.0  # times the largest amplitude of a recording
+_PHASES = 256  # over which is averaged
+_STEP = 0.1  # standard deviations, over which the likelihood's bend is taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,23 +52,26 @@ def hum_amplitude(parts: Sequence[tuple[Array, Array]]) -> HumAmplitude:
     """
     told = [(numbers, np.linalg.inv(c)) for numbers, c in parts if np.all(np.diag(c) > 0.0)]
     gains = np.array([float(numbers @ precision @ numbers) for numbers, precision in told])
-    weights = np.array([0.5 * float(np.trace(precision)) for _, precision in told])
     if not np.any(gains > 0.0):
         return HumAmplitude(0.0, math.nan, 0.0, 0.0)
-    most = _FARTHEST * math.sqrt(float(np.max(gains / weights)))
-    reach, weight = most * np.sqrt(weights * gains), most**2 * float(np.sum(weights))
+    turn = 2.0 * math.pi / _PHASES * np.arange(_PHASES)
+    ways = np.stack([np.cos(turn), np.sin(turn)])
+    along = np.stack([numbers @ precision @ ways for numbers, precision in told])
+    square = np.stack([np.sum(ways * (precision @ ways), axis=0) for _, precision in told])
 
-    def lost(share: float) -> float:
-        along = share * reach
-        together = np.log(special.i0e(along)) + along
-        return weight * share**2 - 2.0 * float(np.sum(together))
+    def gained(amplitude: float) -> float:
+        likely = amplitude * along - 0.5 * amplitude**2 * square
+        return 2.0 * float(np.sum(special.logsumexp(likely, axis=1) - math.log(_PHASES)))
 
-    found = optimize.minimize_scalar(lost, bounds=(0.0, 1.0), method='bounded')
-    share, gain = float(found.x), max(0.0, -float(found.fun))
-    along = share * reach
-    turned = special.i1e(along) / special.i0e(along)
-    over = np.divide(turned, along, out=np.full(along.size, 0.5), where=along > 0.0)
-    curvature = weight - float(np.sum(reach**2 * (1.0 - over - turned**2)))
-    value = most * share
-    std = most / math.sqrt(curvature) if curvature > 0.0 else math.nan
+    most = _FARTHEST * float(np.max(np.sqrt(gains / np.mean(square, axis=1))))
+    found = optimize.minimize_scalar(
+        lambda share: -gained(share * most), bounds=(0.0, 1.0), method='bounded'
+    )
+    value = most * float(found.x)
+    gain = gained(value)
+    if gain <= 0.0:
+        return HumAmplitude(0.0, math.nan, 0.0, float(np.sum(gains)))
+    step = _STEP / math.sqrt(float(np.sum(np.mean(square, axis=1))))
+    bend = (2.0 * gain - gained(value + step) - gained(value - step)) / step**2
+    std = math.sqrt(2.0 / bend) if bend > 0.0 else math.nan
     return HumAmplitude(value, std, gain, float(np.sum(gains)) - gain)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -47,7 +47,16 @@ from impactscope.physics.twin.bench import (
 )
 from impactscope.physics.twin.simulate import CHANNELS, solve
 
-__all__ = ['PHASE', 'SPEED_RATIO', 'ActiveEffect', 'Free', 'ImpactModel', 'Layout', 'Prediction']
+__all__ = [
+    'AHEAD',
+    'PHASE',
+    'SPEED_RATIO',
+    'ActiveEffect',
+    'Free',
+    'ImpactModel',
+    'Layout',
+    'Prediction',
+]
 
 Array = NDArray[np.float64]
 _Moments = tuple[Array, dict[str, NDArray[np.int64]]]
@@ -58,7 +67,7 @@ PHASE = ('sine', 'cosine')  # numbers of a hum in each recording
 _SOLUTIONS = 8  # kept for each blow
 _MOMENTS, _WHITENERS = 60, 300  # kept
 _FILTERED = 256  # samples at least, that a filter is given
-_AHEAD = 4e-3  # s, from which a filter that runs backwards takes what it gives
+AHEAD = 8e-3  # s, from which a filter that runs backwards takes what it gives
 _QUICKEST = 5e-5  # s, in which a branch of a layer relaxes
 _BEYOND = 0.01  # s beyond the last bin of a layout, up to which is simulated
 _TELLS = 3.0  # of its noise, uncertainty of a bin up to which it is fitted
@@ -249,16 +258,23 @@ class ImpactModel:
     # --- residuals -------------------------------------------------------------------------
 
     def layout(
-        self, blows: Sequence[int], window: float = math.inf, taps: float | None = None
+        self,
+        blows: Sequence[int],
+        window: float = math.inf,
+        taps: float | None = None,
+        *,
+        without_ends: Collection[str] = (),
     ) -> Layout:
         """Bins up to ``window`` s after the onset, of the given blows.
 
         Bins that tell next to nothing, because a bench does not repeat them, stay out. Taps
         count whole in all but the shortest windows, which for them begin when the hammer
         has gone; or ``taps`` s of them, where that is given. What a filter gives that runs
-        backwards, too, hangs on what came after a recording's end: right before it nothing counts.
+        backwards, too, hangs on what came after a recording's end: right before it nothing counts,
+        nor in the channels of ``without_ends``.
         """
-        turned = {e.channel for e in self.effects if self.constants.get(f'{e.tag}.zero_phase')}
+        turned = set(without_ends)
+        turned |= {e.channel for e in self.effects if self.constants.get(f'{e.tag}.zero_phase')}
         masks, spans, blow_spans, ends, begin = {}, {}, {}, {}, 0
         for i in blows:
             blow = self.data.blows[i]
@@ -271,7 +287,7 @@ class ImpactModel:
                 mask = channel.used & (channel.centres < blow.settled + length)
                 mask &= channel.std < _TELLS * channel.own_std
                 if name in turned and channel.time.size:
-                    mask &= channel.centres < channel.time[-1] - _AHEAD
+                    mask &= channel.centres < channel.time[-1] - AHEAD
                 count = int(np.count_nonzero(mask))
                 masks[i, name] = mask
                 spans[i, name] = slice(begin, begin + count)

@@ -29,6 +29,10 @@ from impactscope.discrepancy.impact.fits.least_squares import (
 )
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
 from impactscope.discrepancy.impact.search.outcome import QUIET, Found, settled_without, weigh
+from impactscope.discrepancy.impact.search.recording_ends import (
+    runs_backwards,
+    without_odd_ends,
+)
 from impactscope.discrepancy.impact.search.returns import from_return, only_a_return_is_missed
 from impactscope.discrepancy.impact.search.screening import Remembered, Screening, Trial
 from impactscope.discrepancy.impact.search.strong_effects import (
@@ -106,6 +110,17 @@ class JointFits:
         self, current: Fit, sound: Fit | None, most: int, suspected: Sequence[Found]
     ) -> tuple[list[Found], int, Fit]:
         """One turn of a step; see there."""
+        eased = without_odd_ends(current)
+        if eased is not None:
+            found, looks, without = self._tried_at(eased, sound, most, suspected)
+            if found and runs_backwards(found[0].candidate):
+                return found, looks, without
+        return self._tried_at(current, sound, most, suspected)
+
+    def _tried_at(
+        self, current: Fit, sound: Fit | None, most: int, suspected: Sequence[Found]
+    ) -> tuple[list[Found], int, Fit]:
+        """Candidates fitted to the samples of a fit."""
         if current.reduced < QUIET:
             # what fitted numbers re-tune of a length is hundreds of times what is left of it, and
             # what they have not reached yet would count as gained by whatever is added
