@@ -18,7 +18,16 @@ def outcome_with(doubted, *, free=True):
     final = SimpleNamespace(layout=SimpleNamespace(size=100))
     return SimpleNamespace(
         final=final,
-        accepted=[SimpleNamespace(cost=1, free=free, label='friction')],
+        accepted=[
+            SimpleNamespace(
+                cost=1,
+                free=(SimpleNamespace(key='coulomb_friction.force'),) if free else (),
+                label='friction',
+                name='coulomb_friction',
+                effects=(),
+                hum_amplitude=lambda joint: None,
+            )
+        ],
         found={'friction': found_over(final.layout)},
         rivals={'friction': [found_over(final.layout), found_over(SimpleNamespace(size=90))]},
         last=[],
