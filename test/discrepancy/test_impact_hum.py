@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.candidates.hum_amplitude import hum_amplitude
@@ -226,4 +226,9 @@ def test_noise_makes_the_amplitude_of_a_weak_hum_no_larger():
     amplitude = estimates(hum, fitted)['amplitude']
     assert amplitude.unit == 'N'
     assert abs(amplitude.value - 2.0) < 3.0 * amplitude.std
-    assert amplitude.std == pytest.approx(1.0 / np.sqrt(400), rel=0.2)
+    size = np.linspace(1e-6, 12.0, 24001)  # of sine and cosine, beside an amplitude of 2
+    law = stats.rice.pdf(size, 2.0)
+    slope = size * special.i1e(2.0 * size) / special.i0e(2.0 * size) - 2.0
+    information = float(np.sum(law * slope**2)) * (size[1] - size[0])
+    assert 0.5 < information < 1.0  # phases take some of it
+    assert amplitude.std == pytest.approx(1.0 / np.sqrt(400 * information), rel=0.05)

@@ -16,7 +16,7 @@ from impactscope.discrepancy.impact.data.binning import binned
 from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.models.baseline import baseline_model
-from impactscope.discrepancy.impact.models.bench_model import AHEAD
+from impactscope.discrepancy.impact.models.bench_model import RECORDING_END
 from impactscope.discrepancy.impact.models.measuring_chain import (
     _ahead,
     coupled_since,
@@ -175,6 +175,6 @@ def test_what_a_filter_without_a_phase_gives_at_the_end_counts_for_nothing(make_
     for i in model.data.fitted:
         for name, channel in model.data.blows[i].channels.items():
             lost = plain.layout.masks[i, name] & ~layout.masks[i, name]
-            last = channel.centres[lost] > channel.time[-1] - AHEAD - 1e-3
+            last = channel.centres[lost] > channel.time[-1] - RECORDING_END - 1e-3
             assert np.all(last)
             assert bool(np.any(lost)) == (both == 1 and name == 'force')

@@ -7,7 +7,7 @@ import pytest
 
 from impactscope.discrepancy.evidence import Thresholds
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
-from impactscope.discrepancy.impact.models.bench_model import AHEAD, ActiveEffect
+from impactscope.discrepancy.impact.models.bench_model import RECORDING_END, ActiveEffect
 from impactscope.discrepancy.impact.search import joint_fits, recording_ends
 from impactscope.discrepancy.impact.search.joint_fits import JointFits
 from impactscope.discrepancy.impact.search.recording_ends import runs_backwards, without_odd_ends
@@ -31,7 +31,7 @@ FRICTION = Candidate(
 def left_of(at_end, elsewhere=1.0):
     """A fit of two channels of one blow; what it leaves of the force, at its end and before."""
     left = elsewhere * np.random.default_rng(5).standard_normal(2 * TIMES.size)
-    last = np.flatnonzero(TIMES[-1] - AHEAD <= TIMES)
+    last = np.flatnonzero(TIMES[-1] - RECORDING_END <= TIMES)
     left[last] = at_end * np.sign(left[last])
     channel = SimpleNamespace(centres=TIMES, time=TIMES)
     channels = dict.fromkeys(('force', 'acceleration.plate'), channel)

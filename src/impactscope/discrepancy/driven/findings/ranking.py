@@ -109,8 +109,7 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
     for name in others[:8]:
         term, made, _ = source[name]
         other = _finding(s, term, made, min(share[name], REFUSED), ())
-        bends = not _bends_no_further(s, term, made)
-        found.append(other if bends else numbers_left_open(other))
+        found.append(numbers_left_open(other) if _bends_no_further(s, term, made) else other)
     return found
 
 

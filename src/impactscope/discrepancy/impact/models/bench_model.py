@@ -48,8 +48,8 @@ from impactscope.physics.twin.bench import (
 from impactscope.physics.twin.simulate import CHANNELS, solve
 
 __all__ = [
-    'AHEAD',
     'PHASE',
+    'RECORDING_END',
     'SPEED_RATIO',
     'ActiveEffect',
     'Free',
@@ -67,7 +67,7 @@ PHASE = ('sine', 'cosine')  # numbers of a hum in each recording
 _SOLUTIONS = 8  # kept for each blow
 _MOMENTS, _WHITENERS = 60, 300  # kept
 _FILTERED = 256  # samples at least, that a filter is given
-AHEAD = 8e-3  # s, from which a filter that runs backwards takes what it gives
+RECORDING_END = 8e-3  # s, in which a filter that runs backwards gives what came after
 _QUICKEST = 5e-5  # s, in which a branch of a layer relaxes
 _BEYOND = 0.01  # s beyond the last bin of a layout, up to which is simulated
 _TELLS = 3.0  # of its noise, uncertainty of a bin up to which it is fitted
@@ -287,7 +287,7 @@ class ImpactModel:
                 mask = channel.used & (channel.centres < blow.settled + length)
                 mask &= channel.std < _TELLS * channel.own_std
                 if name in turned and channel.time.size:
-                    mask &= channel.centres < channel.time[-1] - AHEAD
+                    mask &= channel.centres < channel.time[-1] - RECORDING_END
                 count = int(np.count_nonzero(mask))
                 masks[i, name] = mask
                 spans[i, name] = slice(begin, begin + count)

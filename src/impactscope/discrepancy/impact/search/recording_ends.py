@@ -11,7 +11,7 @@ import numpy as np
 
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
-from impactscope.discrepancy.impact.models.bench_model import AHEAD
+from impactscope.discrepancy.impact.models.bench_model import RECORDING_END
 
 __all__ = ['runs_backwards', 'without_odd_ends']
 
@@ -48,7 +48,7 @@ def _is_odd(current: Fit, name: str) -> bool:
         if channel != name:
             continue
         measured = current.model.data.blows[i].channels[name]
-        last = measured.centres[layout.masks[i, name]] >= measured.time[-1] - AHEAD
+        last = measured.centres[layout.masks[i, name]] >= measured.time[-1] - RECORDING_END
         squares = current.residuals[span] ** 2
         at_end.append(squares[last])
         before.append(squares[~last])
