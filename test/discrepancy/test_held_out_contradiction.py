@@ -23,6 +23,7 @@ def candidate_of(name):
         name=name,
         free=(number,),
         effects=(),
+        constants={},
         cost=1,
         channel='',
         hum_amplitude=lambda joint: None,
@@ -231,6 +232,28 @@ def test_what_cannot_be_compared_takes_no_place(monkeypatch, bad):
     )
     held_out.check_held_out(outcome, Thresholds(), 3)
     assert [c.label for c in outcome.accepted] == ['coulomb_friction']
+
+
+@pytest.mark.parametrize(
+    ('number', 'order', 'takes_its_place'),
+    [
+        (None, 1.0, True),
+        ('clock.drift', 1.0, False),  # the clock beside it ran at another rate when it was made
+        (None, 2.0, False),  # the filter beside it was of another order
+    ],
+)
+def test_a_rival_stands_beside_what_is_accepted_now(number, order, takes_its_place):
+    """Its fit would tell numbers that no finding has any more."""
+    outcome = outcome_of(50.0)
+    beside = candidate_of('low_pass_filter')
+    beside.constants = {'low_pass_filter.order': 1.0}
+    outcome.accepted.insert(0, beside)
+    outcome.final.model = SimpleNamespace(free=(*beside.free, *outcome.accepted[1].free))
+    rival = found_of(candidate_of('hysteresis'), -41.0)
+    more = () if number is None else (SimpleNamespace(key=number),)
+    rival.fit.model.free = (*beside.free, *rival.candidate.free, *more)
+    rival.fit.model.constants = {'low_pass_filter.order': order}
+    assert held_out._in_its_place(outcome, rival) is takes_its_place
 
 
 @pytest.mark.parametrize(

@@ -219,11 +219,18 @@ def fit_together(final: Fit, held_out: Fit, candidates: Sequence[Candidate]) -> 
 
 
 def _in_its_place(outcome: Outcome, rival: Found) -> bool:
-    """Whether a rival was fitted in the last finding's place: to as much, beside the same."""
-    beside = {f.key for f in outcome.final.model.free}
-    beside -= {f.key for f in outcome.accepted[-1].free}
-    same = rival.fit.layout.size == outcome.final.layout.size
-    return not rival.refused and same and beside <= {f.key for f in rival.fit.model.free}
+    """Whether a rival was fitted in the last finding's place: to as much, beside the same.
+
+    A fit from before another finding took a plainer or a fuller form has what it was then.
+    """
+    others = outcome.accepted[:-1]
+    final, made = outcome.final.model, rival.fit.model
+    beside = {f.key for f in final.free} - {f.key for f in outcome.accepted[-1].free}
+    there = {f.key for f in made.free}
+    more = there - {f.key for f in (*outcome.baseline.model.free, *rival.candidate.free)}
+    alike = all(made.constants.get(k) == v for c in others for k, v in c.constants.items())
+    same = rival.fit.layout.size == outcome.final.layout.size and alike
+    return not rival.refused and same and beside <= there and more <= beside
 
 
 def _found_last(outcome: Outcome) -> Found:
