@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from impactscope.discrepancy.driven.model_selection import chi_square as module
@@ -53,3 +54,44 @@ def test_a_law_that_contains_another_one_has_that_one_to_beat(
     monkeypatch.setattr(module, 'reduced', lambda *_: 1.0)
     assert judge.better(plain, law) is believed
     assert judge.fuller(plain, law) is in_its_place
+
+
+def test_what_chance_takes_of_the_noise_is_for_belief_and_not_between_laws():
+    """Friction holds a mass against the force's noise; a law beside it may do so unnoticed."""
+    segments = [
+        SimpleNamespace(
+            measured=np.zeros(100),
+            held_out=held,
+            channel='a',
+            whitener=True,
+            whitened=lambda residual: residual,
+        )
+        for held in (False, True)
+    ]
+
+    def left(size, label):
+        term = SimpleNamespace(label=label, looks=1.0, name=label, own=False, rough=False)
+        terms = (term,) if label else ()
+        return SimpleNamespace(
+            residuals=(np.full(100, size),) * 2,
+            terms=terms,
+            values={},
+            excused=0.0,
+            added=len(terms),
+            own=0,
+        )
+
+    baseline, friction = left(1.0, ''), left(0.8, 'friction')
+
+    def judge(scatter):
+        return NoiseJudge(
+            segments, lambda made: (4.0, 2.0) if made.terms else (0.0, 0.0), scatter=scatter
+        )
+
+    calm, wary = judge(0.0), judge(4.0)
+    # 36 less of a hundred squares, and 4 that friction took from the noise on average
+    assert calm.gain(baseline, friction).fitted == pytest.approx(36.0 - 4.0)
+    assert wary.criterion(friction, baseline) == pytest.approx(calm.criterion(friction, baseline))
+    plain, less = calm.worth(baseline, friction), wary.worth(baseline, friction)
+    assert plain.fitted - less.fitted == pytest.approx(4.0 * 2.0)
+    assert plain.held_out - less.held_out == pytest.approx(4.0 * 2.0 / 2.0)

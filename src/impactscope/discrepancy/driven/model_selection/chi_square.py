@@ -89,13 +89,24 @@ class NoiseJudge(Judge):
         segments: Sequence[Segment],
         muffled: Callable[[Fit], Sequence[float]] | None = None,
         thresholds: Thresholds | None = None,
+        *,
+        scatter: float = 0.0,
     ) -> None:
-        """``muffled``: by segment, chi-square that a fit's filters take from the input's noise."""
+        """Judge of fits to some segments.
+
+        Args:
+            segments: recordings, or parts of them.
+            muffled: by segment, chi-square that a fit takes from the input's noise on average.
+            thresholds: chance that is given.
+            scatter: by how many roots of that chance may take more: what is believed gains it
+                beyond that, while of laws that explain alike none is behind for it.
+        """
         super().__init__(segments, LOOKS, thresholds)
-        self.muffled = muffled
+        self.muffled, self.scatter = muffled, scatter
         self.reference: Fit | None = None  # against which findings together are measured
         self._largest = 0.0  # gain of any fit that was seen
         self._known: dict[int, tuple[float, ...]] = {}
+        self._muffled: dict[int, tuple[float, ...]] = {}
 
     def chi_squares(self, made: Fit) -> tuple[float, ...]:
         """Chi-square of each segment.
@@ -106,6 +117,7 @@ class NoiseJudge(Judge):
         if id(made) not in self._known:
             parts = [innovations(s, r) for s, r in zip(self.segments, made.residuals, strict=True)]
             lost = (0.0,) * len(parts) if self.muffled is None else self.muffled(made)
+            self._muffled[id(made)] = tuple(map(float, lost))
             self._known[id(made)] = tuple(
                 float(p @ p) + float(more) for p, more in zip(parts, lost, strict=True)
             )
@@ -135,7 +147,7 @@ class NoiseJudge(Judge):
         return Gain(fitted, held_out, worse, large.added - small.added, count)
 
     def worth(self, small: Fit, large: Fit) -> Gain:
-        """The same gain over the dispersion that the larger model leaves."""
+        """The gain over the dispersion that the larger model leaves, less what chance may add."""
         gain = self.gain(small, large)
         pairs = zip(self.segments, small.residuals, large.residuals, strict=True)
         parts = [(s, innovations(s, old), innovations(s, new)) for s, old, new in pairs]
@@ -154,7 +166,23 @@ class NoiseJudge(Judge):
             held_out = gain.held_out * min(dispersed / as_is, 1.0)
         else:
             held_out = gain.held_out - as_is + dispersed
+        more, less = self._by_chance(large), self._by_chance(small)
+        fitted, held_out = fitted - (more[0] - less[0]), held_out - (more[1] - less[1])
         return dataclasses.replace(gain, fitted=fitted, held_out=held_out)
+
+    def _by_chance(self, made: Fit) -> tuple[float, float]:
+        """Chi-square that a fit may take from the input's noise beyond the mean of it.
+
+        Of fitted and of held-out recordings; both in the proportion of their means.
+        """
+        self.chi_squares(made)
+        pairs = list(zip(self.segments, self._muffled[id(made)], strict=True))
+        fitted = math.fsum(x for s, x in pairs if not s.held_out)
+        if fitted <= 0.0:
+            return 0.0, 0.0
+        held_out = math.fsum(x for s, x in pairs if s.held_out)
+        root = math.sqrt(fitted)
+        return self.scatter * root, self.scatter * held_out / root
 
     def needed(self, gain: Gain) -> float:
         """Gain from which the larger model is believed."""

@@ -52,7 +52,9 @@ BETTER = 25.0  # chi-square by which another course between samples is believed
 ALIKE = 6.0  # chi-square within which it stands before an effect of the chain
 HIGHEST_ORDER = 4  # of low-passes of an axis
 MOSTLY = 0.1  # of chi-square is left where beginnings in motion are all that is missing
-SCATTER = 4.0  # two standard deviations of what chance makes of one unit
+# of the chi-square that a law takes from the force's noise, by chance, for the output's may look
+# like it: two standard deviations of what that makes of one unit
+SCATTER = 4.0
 ABOUT = 31  # lines of a spectrum whose mean counts
 SLOW = 0.01  # of half the rate: corner of an encoder's noise, as long as effects are looked for
 
@@ -141,7 +143,7 @@ def driven_mass_case(
         linear,
         list(ready),
         base,
-        NoiseJudge(ready, _muffled(linear, ready, spectra)),
+        NoiseJudge(ready, _muffled(linear, ready, spectra), scatter=SCATTER),
         plate_laws,
         throughout(ready),
         noise,
@@ -312,8 +314,7 @@ def _muffled(
     """Chi-square that a fit takes from the force's noise, by segment.
 
     A filter smooths that noise in the prediction, and friction that holds the mass keeps it from
-    ringing: neither is a merit. How much it takes is a matter of chance, for the output's noise
-    may look like the force's: a deviation of that is allowed for, too.
+    ringing: neither is a merit.
     """
 
     def lost(made: Fit) -> Sequence[float]:
@@ -333,9 +334,7 @@ def _muffled(
                 _, speed = linear.motion(made.values, made.terms, made.starts[i], s)
                 kept = kept * float(np.mean(speed != 0.0))
             found.append(float(np.mean(share[1:] * (1.0 - kept))) * s.measured.size)
-        fitted = math.fsum(x for x, s in zip(found, segments, strict=True) if not s.held_out)
-        chance = 1.0 + SCATTER / math.sqrt(fitted) if fitted > 0.0 else 1.0
-        return [chance * x for x in found]
+        return found
 
     return lost
 
