@@ -11,6 +11,8 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.data.recordings import cuts, first_state, rests
+from impactscope.discrepancy.driven.models.candidate_effects import candidate_effects
+from impactscope.discrepancy.driven.models.mechanical_effects import Sizes
 from impactscope.discrepancy.driven.noise.spectral_whitening import (
     counting_share,
     stepped,
@@ -206,6 +208,20 @@ def test_dry_friction_of_an_axis():
     assert abs(force.value - 12.0) < 4.0 * force.std + 0.01
     floor = answer.fit.noise_floor['displacement.axis']
     assert answer.fit.extended.held_out_rmse['displacement.axis'] < 1.5 * floor
+
+
+def test_a_soft_stop_may_be_far_weaker_than_what_accelerates_an_axis():
+    """A weak one is scaled from where it starts, but not to less than a thousandth of that."""
+    sizes = Sizes(position=0.05, speed=0.2, force=80.0, stiffness=80.0 / 0.05)
+    terms = candidate_effects(
+        sizes, (60.0, 150.0, sizes.stiffness), ('x', 'm'), RATE, 4.0, 1e-6, 0.05, kind='axis'
+    )
+    stops = [t for t in terms if t.name == 'end_stop']
+    assert len(stops) == 2  # on one side, and on each
+    for stop in stops:
+        stiffness = next(n for n in stop.numbers if n.name == 'stiffness')
+        assert stiffness.lower + 1e-3 * stiffness.scale < 1e-6 * sizes.stiffness
+        assert max(stiffness.starts) == pytest.approx(sizes.stiffness)
 
 
 def test_a_weak_cogging_is_no_slow_noise():

@@ -135,7 +135,7 @@ def candidate_effects(
         _with(known['softening_spring'], ['cubic'], cubic=_ladder(-load / x**3, 1e-4, 1e-2, 2)),
         _with(known['clearance'], ['gap'], gap=_ladder(x, 1e-5, 0.1, 6)),
     ]
-    found += _stops(known['end_stop'], x, stiffness)
+    found += _stops(known['end_stop'], x, (0.03 * stiffness, stiffness))
     slips = _ladder(x, 0.01, 2.0, 8)
     found.append(
         dataclasses.replace(
@@ -158,10 +158,10 @@ def candidate_effects(
     return (*found, *chain)
 
 
-def _stops(stop: Term, x: float, stiffness: float) -> list[Term]:
-    """A stop on one side, and one on each."""
+def _stops(stop: Term, x: float, stiffness: tuple[float, ...]) -> list[Term]:
+    """A stop on one side, and one on each; ``stiffness``: to start from, the least one first."""
     travels = tuple(x * s for s in (0.97, 0.9, 0.8, 0.65, 0.5, 0.35))
-    stop = _with(stop, ['stiffness'], travel=travels, stiffness=(0.03 * stiffness, stiffness))
+    stop = _with(stop, ['stiffness'], travel=travels, stiffness=stiffness)
     least = tuple(
         dataclasses.replace(n, lower=0.1 * x, upper=x, scale=0.05 * x) if n.name == 'travel' else n
         for n in stop.numbers
@@ -182,7 +182,8 @@ def _springs_of_axis(known: Sequence[Term], x: float, load: float) -> list[Term]
     return [
         _with(spring, ['stiffness'], stiffness=_ladder(load / x, 1e-5, 1e-2, 2)),
         _with(cubic, ['cubic'], cubic=_ladder(load / x**3, 1e-5, 1e-2, 2)),
-        *_stops(stop, x, load / x),
+        # what accelerates an axis is far more than a soft stop, which shows all the same
+        *_stops(stop, x, _ladder(load / x, 1e-5, 1.0, 3)),
     ]
 
 
