@@ -1,6 +1,7 @@
 """Plates under a measured hammer, where noise is all that the right model leaves."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import UnmodelledLaw, equivalent_gain
+from impactscope.discrepancy.driven.search.other_minima import foretelling
 
 RATE, SAMPLES, NOISE = 4000.0, 2000, 0.1
 MASS, DAMPING, STIFFNESS = 1.6, 12.0, 1.6 * (2 * math.pi * 34.0) ** 2
@@ -197,3 +199,25 @@ def test_uneven_friction_beside_an_offset_of_the_accelerometer():
     found = next(f for f in answer.ranking if f.name == 'asymmetric_friction').parameters
     assert found['force_forward'].value == pytest.approx(0.2, rel=0.1)
     assert found['force_backward'].value == pytest.approx(0.8, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ('deeper', 'told', 'kept'),
+    [
+        (1.7, -3000.0, ['other']),  # as deep, and held-out recordings are missed by far
+        (1.7, -20.0, ['made', 'other']),  # missed as noise does it
+        (50.0, -3000.0, ['made', 'other']),  # deeper by far than what foretells them
+    ],
+)
+def test_of_minima_as_deep_held_out_recordings_tell_which_it_is(deeper, told, kept):
+    """A frame of 10 Hz bends two fitted moves of an axis as one of 14 Hz does."""
+    made, other = (
+        SimpleNamespace(label=label, residuals=(np.zeros(1),)) for label in ('made', 'other')
+    )
+    squares = {id(made): 100.0, id(other): 100.0 + deeper}
+    judge = SimpleNamespace(
+        segments=[SimpleNamespace(held_out=False)],
+        chi_squares=lambda f: (squares[id(f)],),
+        gain=lambda _small, large: SimpleNamespace(held_out=told if large is made else 0.0),
+    )
+    assert [f.label for f in foretelling(judge, [made, other])] == kept

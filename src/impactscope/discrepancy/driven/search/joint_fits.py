@@ -194,6 +194,15 @@ class Fits:
         """The fit with these terms from another place: the better one where it was made before."""
         return self._better(self._fit(base, terms, initial, self._least()))
 
+    def trial(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
+        """A fit with these terms from another place, which is not kept."""
+        return self._fit(base, terms, initial, self._least())
+
+    def put(self, made: Fit) -> Fit:
+        """The fit that counts as the one with its terms from now on."""
+        self.known[labels_of(made.terms)] = made
+        return made
+
     def _better(self, again: Fit) -> Fit:
         names = labels_of(again.terms)
         known = self.known.get(names)

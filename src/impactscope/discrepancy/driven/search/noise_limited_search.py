@@ -35,7 +35,10 @@ from impactscope.discrepancy.driven.search.alternative_laws import (
 )
 from impactscope.discrepancy.driven.search.beam_search import Outcome, prune
 from impactscope.discrepancy.driven.search.joint_fits import Fits, labels_of
-from impactscope.discrepancy.driven.search.other_minima import starts_to_either_side
+from impactscope.discrepancy.driven.search.other_minima import (
+    foretelling,
+    starts_to_either_side,
+)
 from impactscope.discrepancy.driven.search.screening import (
     HOPE,
     Prospect,
@@ -187,19 +190,22 @@ def _grow(fits: Fits, base: Fit, judge: NoiseJudge, most: int) -> list[Fit]:
 def _from_either_side(fits: Fits, made: Sequence[Fit], base: Fit, judge: NoiseJudge) -> list[Fit]:
     """Fits of which those with something that rings set out once more, where they explain much.
 
-    They have minima at other frequencies: from either side of the one at which each ended.
+    They have minima at other frequencies: from either side of the one at which each ended. Of
+    minima that are as deep in what is fitted, recordings that were held out tell which it is.
     """
-    much = MUCH * min((judge.criterion(f, base) for f in made), default=0.0)
+    gained = [judge.gain(base, f).fitted for f in made]
+    much = max(MUCH * max(gained, default=0.0), CLOSE)
 
-    def better(one: Fit) -> Fit:
+    def better(one: Fit, gain: float) -> Fit:
         term = one.terms[-1]
         rings = not term.output and 'frequency' in {n.name for n in term.numbers}
-        if rings and judge.criterion(one, base) < min(much, -CLOSE):
-            for begin in starts_to_either_side(one, [term]):
-                one = fits.once_more(one, one.terms, begin)
-        return one
+        if not rings or gain < much:
+            return one
+        begun = starts_to_either_side(one, [term])
+        tried = [one, *(fits.trial(one, one.terms, begin) for begin in begun)]
+        return fits.put(min(foretelling(judge, tried), key=fits.misfit))
 
-    return [better(f) for f in made]
+    return [better(f, gain) for f, gain in zip(made, gained, strict=True)]
 
 
 def _other_orders(fits: Fits, base: Fit, first: Prospect) -> list[Fit]:

@@ -3,7 +3,8 @@
 What rings far above the motion shows its stiffness alone, a force that creeps the rate at which it
 begins: along such a valley a covariance at one place tells too much. So a fit sets out from either
 side of each number that shapes an effect; a better end replaces the fit, one about as good widens
-the uncertainty of what differs.
+the uncertainty of what differs. Which of minima that are as deep it is, recordings that were held
+out may tell: a base that rings a little slower or faster bends a few fitted recordings alike.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from impactscope.discrepancy.evidence import spread_over_minima
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left
 
-__all__ = ['knowing_other_minima', 'starts_to_either_side']
+__all__ = ['foretelling', 'knowing_other_minima', 'starts_to_either_side']
 
 APART = {'frequency': (1.7, 2.9)}  # factors on a number, the others moved along
 ELSE = (1.6,)  # the same of any other number
@@ -33,6 +34,8 @@ OPEN = 8.0  # chi-square up to which a minimum is not excluded
 # chi-square by which the best of many narrow minima is ahead by chance, and times its uncertainty
 # that another must be away for it to be one of many
 LUCK, NARROW = 7.0, 10.0
+AS_DEEP = 9.0  # chi-square by which minima differ no more than noise makes them: three deviations
+MISSED = 30.0  # chi-square of recordings held out, that one of them leaves and another does not
 
 
 def knowing_other_minima(model: Model, judge: NoiseJudge, made: Fit, terms: Sequence[Term]) -> Fit:
@@ -55,11 +58,12 @@ def knowing_other_minima(model: Model, judge: NoiseJudge, made: Fit, terms: Sequ
     ends = in_parallel(
         lambda f: followed(f.values, LAST), [f for f in rough if chi_square(f) < most]
     )
-    best = min((made, *ends), key=chi_square)
-    if chi_square(best) > chi_square(made) - BETTER:
+    kept = foretelling(judge, [made, *ends])
+    best = min(kept, key=chi_square)
+    if made in kept and chi_square(best) > chi_square(made) - BETTER:
         best = made
     level = chi_square(best)
-    others = [f for f in (made, *ends) if f is not best and chi_square(f) < level + OPEN + LUCK]
+    others = [f for f in kept if f is not best and chi_square(f) < level + OPEN + LUCK]
     near = [best, *others]
     std = dict(best.std)
     for name in (key(t, n) for t in terms for n in t.numbers):
@@ -72,6 +76,18 @@ def knowing_other_minima(model: Model, judge: NoiseJudge, made: Fit, terms: Sequ
             [std[name]] * len(near), away, [math.exp(-0.5 * b) for b in behind]
         )
     return dataclasses.replace(best, std=std)
+
+
+def foretelling(judge: NoiseJudge, ends: Sequence[Fit]) -> list[Fit]:
+    """The ends of a fit without those that recordings held out contradict, in their order.
+
+    That is where they are missed and an end about as deep as the deepest foretells them.
+    """
+    deepest = min(fitted_chi_square(judge, f) for f in ends)
+    told = [judge.gain(ends[0], f).held_out for f in ends]
+    pairs = list(zip(ends, told, strict=True))
+    most = max(h for f, h in pairs if fitted_chi_square(judge, f) < deepest + AS_DEEP)
+    return [f for f, h in pairs if h > most - MISSED]
 
 
 def starts_to_either_side(made: Fit, terms: Sequence[Term]) -> list[dict[str, float]]:
