@@ -21,6 +21,7 @@ from impactscope.discrepancy.driven.models.measuring_chain import (
 )
 from impactscope.discrepancy.driven.noise.noise_bands import BANDS, Bands, band_levels
 from impactscope.discrepancy.driven.systems.chain import _own
+from impactscope.discrepancy.driven.systems.chain_noise import both_noises, input_at_most
 from impactscope.discrepancy.explain import explain
 
 RATE, SAMPLES = 4000.0, 2400
@@ -422,6 +423,47 @@ def test_slow_noise_of_the_output_is_no_noise_of_the_input():
     slow = np.where(np.arange(BANDS) < 0.6 * BANDS, 1.0, 0.0)
     into, out = 0.1, 0.9 + slow
     assert _own([moved + into], [moved + out], [into + out]) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_slow_noise_of_the_output_alone_is_no_notch_of_the_input(seed):
+    """By their shares above the signal nearly all of the slow noise would be the input's.
+
+    The input as both channels tell it then has what the residual has, and a linear law of it
+    explains that.
+    """
+    rng, keep = np.random.default_rng(100 + seed), np.exp(-2.0 * np.pi * 40.0 / RATE)
+
+    def slow(y):
+        steps = rng.standard_normal(y.size + 2000)
+        noise = signal.lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], steps)
+        return y + 0.2 * noise[2000:]
+
+    answer = explain_driven(campaign(seed, after=slow, noises=(0.1, 0.0), samples=6000))
+    assert answer.accepted == ()
+
+
+def test_noise_of_both_ends_is_told_without_a_bias():
+    """The quieter tiles of noise are a tenth quieter than all of them."""
+    rng = np.random.default_rng(5)
+    told = []
+    for _ in range(20):
+        inputs = [blows(rng) + 0.3 * rng.standard_normal(SAMPLES) for _ in range(3)]
+        outputs = [0.1 * rng.standard_normal(SAMPLES) for _ in range(3)]
+        told.append(both_noises(inputs, outputs))
+    into, out = np.mean(told, axis=0)
+    assert into == pytest.approx(0.09, rel=0.05)
+    assert out == pytest.approx(0.01, rel=0.05)
+
+
+def test_quiet_windows_tell_how_loud_noise_of_an_input_is_at_most():
+    rng = np.random.default_rng(6)
+    inputs = [blows(rng, samples=6000) + 0.3 * rng.standard_normal(6000) for _ in range(3)]
+    noise = np.full(3001, 0.1)
+    most = input_at_most(inputs, noise)
+    assert np.median(most) == pytest.approx(0.09, rel=0.15)
+    assert np.all(most[1500:] < 0.12)  # and above the signal everywhere
+    assert np.all(np.isinf(input_at_most([inputs[0][:1000]], noise)))  # of too few windows
 
 
 def test_a_late_clock_behind_a_multisine():

@@ -10,13 +10,14 @@ none, the input tells nothing of them; where it is faint, samples count little.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import signal, stats
 
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.models.measuring_chain import power_passed
@@ -26,16 +27,22 @@ from impactscope.discrepancy.driven.noise.coloured_noise import Colour
 from impactscope.discrepancy.driven.noise.input_rounding import Rounding, rounding_of
 from impactscope.discrepancy.driven.systems.case import Settled
 
-__all__ = ['CLEAR_LINE', 'ChainNoise', 'both_noises', 'settled_ends']
+__all__ = ['CLEAR_LINE', 'ChainNoise', 'both_noises', 'input_at_most', 'settled_ends']
 
 Array = NDArray[np.float64]
 
 WINDOW = 128  # samples
 WIDTH, DEEP = 7, 8  # lines and windows of a tile
+# times the variance of a sum of independent squares that so many neighbouring lines have: behind
+# a Hann window each shares 4/9 of its scatter with the next, and 1/36 with the one beyond
+SPREAD = 1.0 + 2.0 * ((WIDTH - 1) * 4 / 9 + (WIDTH - 2) / 36) / WIDTH
 FEWEST = 12  # tiles
+# share of the windows of which the loudest tells how loud noise is at most, of so many
+QUIETER, FEWEST_WINDOWS = 0.25, 20
 LOWEST, QUIET = 0.05, 1.5  # quantile of the tiles' power, and how much above it is quiet
 KNOWN = 0.3  # share of the input's noise that the output knows, if it passes the chain
 SOME = 1e-6  # of the output's noise: in long recordings a hundredth matters
+NEARLY = 1.3  # times the input's noise, within which quiet windows know nothing else
 CLEAR = 100.0  # times the noise: lines with signal
 FAINT = 1.6  # times the noise: where there is some signal
 MOST_INPUT = 0.9  # of the noise, that comes from the input at most
@@ -59,7 +66,15 @@ def both_noises(inputs: Sequence[Array], outputs: Sequence[Array]) -> tuple[floa
     common = max(common, 0.0)
     if not out > common or common > KNOWN * into or not into - common > SOME * (out - common):
         return None
-    return into - common, out - common
+    return (into - common) / _of_the_quieter(), out - common
+
+
+@functools.cache
+def _of_the_quieter() -> float:
+    """Mean power of the tiles that count as quiet, over that of all where none has signal."""
+    freedom = 2.0 * WIDTH * DEEP / SPREAD
+    most = QUIET * float(stats.chi2.ppf(LOWEST, freedom))
+    return float(stats.chi2.cdf(most, freedom + 2.0) / stats.chi2.cdf(most, freedom))
 
 
 def _tiles(u: Array, y: Array) -> Array:
@@ -67,19 +82,50 @@ def _tiles(u: Array, y: Array) -> Array:
     count = u.size // WINDOW // DEEP * DEEP
     if count == 0:
         return np.zeros((3, 0))
-    shape = np.hanning(WINDOW)
-    shape = shape / math.sqrt(float(np.sum(shape**2)))
-    a, b = (
-        np.fft.rfft(shape * signal.detrend(x[: count * WINDOW].reshape(count, WINDOW)))[
-            :, 1 : 1 + WIDTH * ((WINDOW // 2 - 1) // WIDTH)
-        ]
-        for x in (u, y)
-    )
+    a, b = (_windows(x[: count * WINDOW], WINDOW) for x in (u, y))
     rows = []
     for power in (np.abs(a) ** 2, np.abs(b) ** 2, np.real(a * np.conj(b))):
         parts = power.reshape(count // DEEP, DEEP, -1, WIDTH)
         rows.append(parts.mean(axis=(1, 3)).ravel())
     return np.stack(rows)
+
+
+def _windows(x: Array, window: int) -> NDArray[np.complex128]:
+    """Lines of the spectra of windows of so many samples, from one period in each on, (m, k)."""
+    count = x.size // window
+    shape = np.hanning(window)
+    shape = shape / math.sqrt(float(np.sum(shape**2)))
+    lines = np.fft.rfft(shape * signal.detrend(x[: count * window].reshape(count, window)))
+    return np.asarray(lines[:, 1 : 1 + WIDTH * ((window // 2 - 1) // WIDTH)])
+
+
+def input_at_most(inputs: Sequence[Array], noise: Array) -> Array:
+    """Variance of the input's noise by line, shape as ``noise``: what quieter windows have.
+
+    That is its noise where a quarter of the time is quiet, and more where it is not. Longer
+    windows tell it at lower frequencies; below what they tell it is the same share of the noise
+    of the residual, ``noise`` by line. Infinite with few windows.
+    """
+    place = np.linspace(0.0, 1.0, noise.size)
+    most = np.full(noise.size, math.inf)
+    freedom = 2.0 * WIDTH / SPREAD
+    quarter = float(stats.chi2.ppf(QUIETER, freedom)) / freedom
+    window, lowest = WINDOW, math.inf
+    while sum(u.size // window for u in inputs) >= FEWEST_WINDOWS:
+        power = np.concatenate([np.abs(_windows(u, window)) ** 2 for u in inputs])
+        bands = power.reshape(power.shape[0], -1, WIDTH).mean(axis=2)
+        level = np.quantile(bands, QUIETER, axis=0) / quarter
+        lines = 1.0 + WIDTH * np.arange(level.size) + 0.5 * (WIDTH - 1)
+        centres = lines / (window // 2)
+        lowest = float(centres[0])
+        told = np.where(place < lowest, math.inf, np.interp(place, centres, level))
+        most = np.minimum(most, told)
+        window *= 2
+    below = place < lowest
+    if np.all(below):
+        return most
+    first = int(np.argmin(below))
+    return np.where(below, most[first] / noise[first] * noise, most)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,23 +163,29 @@ class ChainNoise:
         noise = ChainNoise(out + other + doubt, passed, passed + other, out)
         noise = dataclasses.replace(noise, rounding=rounding_of(whole, noise.typical))
         # the quantity as both ends tell it: the input's noise alone would lower a gain
-        share = float(np.sum(into) / np.sum(into + out))
-        known = whole + share * (segment.measured - whole)
+        share = into / (into + out)
+        known = whole + np.fft.irfft(share * np.fft.rfft(segment.measured - whole), n)
         return noise, np.stack([seen, whole - seen, known if gain == 1.0 else whole, still])
 
     def evened_out(self) -> ChainNoise:
         """The same with noise that is equally loud everywhere, in all recordings."""
         return dataclasses.replace(self, flat=math.sqrt(float(np.mean(self.input + self.output))))
 
-    def coloured(self, segment: Segment, colour: Colour, gain: float) -> Segment:
+    def coloured(
+        self, segment: Segment, colour: Colour, gain: float, at_most: Sequence[Array]
+    ) -> Segment:
         """A recording where the noise of both ends, as this has it, is of one colour.
 
         Filters act where the signal stands clear of that. What slow noise hides tells nothing,
-        and where it is faint, the input's noise is no less than what its quiet bands have told.
+        and where it is faint, the input's noise is no less than what its quiet bands have told,
+        and no more than what quiet windows of the inputs ``at_most``, shapes (n,), have of it.
         """
         noise = colour.power(np.linspace(0.0, 1.0, self.sensor.size)) * self.flat**2
         share = float(np.sum(self.input) / np.sum(self.input + self.output))
-        into = np.minimum(np.maximum(share * noise, self.input), MOST_INPUT * noise)
+        most = gain**2 * input_at_most(at_most, noise / gain**2)
+        into = np.maximum(np.minimum(share * noise, most), self.input)
+        into = np.where(most < NEARLY * self.input, most, into)  # many windows tell it better
+        into = np.minimum(into, MOST_INPUT * noise)
         ends, drive = ChainNoise.of(segment, into / gain**2, noise - into, gain)
         ends = dataclasses.replace(ends, rounding=self.rounding, flat=self.flat)
         return dataclasses.replace(segment, whitener=ends, drive=drive)

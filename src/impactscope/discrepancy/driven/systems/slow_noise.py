@@ -128,7 +128,7 @@ def knowing_slow_noise(case: Case, made: Fit) -> Case | None:
         case,
         segments=ready,
         baseline=fit(case.model, (), ready, before.values, before.starts, tolerance=FINE),
-        judge=NoiseJudge(ready, case.judge.muffled),
+        judge=NoiseJudge(ready, case.judge.muffled, scatter=case.judge.scatter),
         noise={name: std * louder for name, std in case.noise.items()},
         settled=None if case.settled is None else anew,
     )
@@ -152,8 +152,9 @@ def _evenly(case: Case) -> Case:
 def _by_its_colour(case: Case, colour: Colour) -> Case:
     """A chain whose filters act where the signal stands clear of noise of a colour."""
     gain = case.baseline.values.get('gain', 1.0)
+    inputs = [s.drive[:2].sum(axis=0) for s in case.segments if not s.held_out]
     known = [
-        s.whitener.coloured(s, colour, gain) if isinstance(s.whitener, ChainNoise) else s
+        s.whitener.coloured(s, colour, gain, inputs) if isinstance(s.whitener, ChainNoise) else s
         for s in case.segments
     ]
     settled = case.settled
