@@ -207,6 +207,7 @@ def test_uneven_friction_beside_an_offset_of_the_accelerometer():
         (1.7, -3000.0, ['other']),  # as deep, and held-out recordings are missed by far
         (1.7, -20.0, ['made', 'other']),  # missed as noise does it
         (50.0, -3000.0, ['made', 'other']),  # deeper by far than what foretells them
+        (1.7, math.nan, ['other']),  # a simulation that ran off
     ],
 )
 def test_of_minima_as_deep_held_out_recordings_tell_which_it_is(deeper, told, kept):

@@ -83,11 +83,16 @@ def foretelling(judge: NoiseJudge, ends: Sequence[Fit]) -> list[Fit]:
 
     That is where they are missed and an end about as deep as the deepest foretells them.
     """
-    deepest = min(fitted_chi_square(judge, f) for f in ends)
-    told = [judge.gain(ends[0], f).held_out for f in ends]
-    pairs = list(zip(ends, told, strict=True))
-    most = max(h for f, h in pairs if fitted_chi_square(judge, f) < deepest + AS_DEEP)
-    return [f for f, h in pairs if h > most - MISSED]
+    left = [_or(fitted_chi_square(judge, f), math.inf) for f in ends]
+    told = [_or(judge.gain(ends[0], f).held_out, -math.inf) for f in ends]
+    deepest = min(left)
+    most = max(h for h, x in zip(told, left, strict=True) if x <= deepest + AS_DEEP)
+    return [f for f, h in zip(ends, told, strict=True) if h >= most - MISSED]
+
+
+def _or(value: float, worst: float) -> float:
+    """A number, or the worst where a simulation ran off."""
+    return value if math.isfinite(value) else worst
 
 
 def starts_to_either_side(made: Fit, terms: Sequence[Term]) -> list[dict[str, float]]:
