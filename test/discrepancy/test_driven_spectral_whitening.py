@@ -145,7 +145,7 @@ def test_white_noise_of_an_input_is_no_faint_signal_where_the_outputs_noise_is_s
     noise, drive = ChainNoise.of(chain, *flat, 1.0)
     whole = dataclasses.replace(chain, whitener=noise, drive=drive)
     colour = Colour(0.0, ((1.0, -math.log(keep) / math.pi),))
-    made = noise.evened_out().coloured(whole, colour, 1.0)
+    made = noise.evened_out().coloured(whole, colour, 1.0, [u])
     faint = np.abs(np.fft.rfft(made.drive[1] - made.drive[3])) ** 2 / SAMPLES
     assert np.mean(faint[SAMPLES // 4 :]) < 0.1 * into**2
     assert np.mean(np.abs(np.fft.rfft(made.drive[0])[10:300]) ** 2) > 1e3  # the signal is there
