@@ -57,7 +57,7 @@ def test_a_law_that_contains_another_one_has_that_one_to_beat(
 
 
 def test_what_chance_takes_of_the_noise_is_for_belief_and_not_between_laws():
-    """Friction holds a mass against the force's noise; a law beside it may do so unnoticed."""
+    """Friction holds a mass against the force's noise, by which it may gain more than usual."""
     segments = [
         SimpleNamespace(
             measured=np.zeros(100),

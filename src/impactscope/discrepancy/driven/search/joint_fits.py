@@ -192,7 +192,7 @@ class Fits:
 
     def once_more(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
         """The fit with these terms from another place: the better one where it was made before."""
-        return self._better(self._fit(base, terms, initial, self._least()))
+        return self._better(self.trial(base, terms, initial))
 
     def trial(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
         """A fit with these terms from another place, which is not kept."""

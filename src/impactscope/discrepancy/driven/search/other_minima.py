@@ -83,14 +83,14 @@ def foretelling(judge: NoiseJudge, ends: Sequence[Fit]) -> list[Fit]:
 
     That is where they are missed and an end about as deep as the deepest foretells them.
     """
-    left = [_or(fitted_chi_square(judge, f), math.inf) for f in ends]
-    told = [_or(judge.gain(ends[0], f).held_out, -math.inf) for f in ends]
+    left = [_finite_or(fitted_chi_square(judge, f), math.inf) for f in ends]
+    told = [_finite_or(judge.gain(ends[0], f).held_out, -math.inf) for f in ends]
     deepest = min(left)
     most = max(h for h, x in zip(told, left, strict=True) if x <= deepest + AS_DEEP)
     return [f for f, h in zip(ends, told, strict=True) if h >= most - MISSED]
 
 
-def _or(value: float, worst: float) -> float:
+def _finite_or(value: float, worst: float) -> float:
     """A number, or the worst where a simulation ran off."""
     return value if math.isfinite(value) else worst
 

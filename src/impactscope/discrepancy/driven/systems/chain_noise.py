@@ -172,17 +172,17 @@ class ChainNoise:
         return dataclasses.replace(self, flat=math.sqrt(float(np.mean(self.input + self.output))))
 
     def coloured(
-        self, segment: Segment, colour: Colour, gain: float, at_most: Sequence[Array]
+        self, segment: Segment, colour: Colour, gain: float, inputs: Sequence[Array]
     ) -> Segment:
-        """A recording where the noise of both ends, as this has it, is of one colour.
+        """A recording where the noise of both ends together, as this has it, is of a colour.
 
         Filters act where the signal stands clear of that. What slow noise hides tells nothing,
         and where it is faint, the input's noise is no less than what its quiet bands have told,
-        and no more than what quiet windows of the inputs ``at_most``, shapes (n,), have of it.
+        and no more than what quiet windows of all ``inputs``, shapes (n,), have of it.
         """
         noise = colour.power(np.linspace(0.0, 1.0, self.sensor.size)) * self.flat**2
         share = float(np.sum(self.input) / np.sum(self.input + self.output))
-        most = gain**2 * input_at_most(at_most, noise / gain**2)
+        most = gain**2 * input_at_most(inputs, noise / gain**2)
         into = np.maximum(np.minimum(share * noise, most), self.input)
         into = np.where(most < NEARLY * self.input, most, into)  # many windows tell it better
         into = np.minimum(into, MOST_INPUT * noise)

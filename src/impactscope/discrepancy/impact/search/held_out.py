@@ -219,18 +219,25 @@ def fit_together(final: Fit, held_out: Fit, candidates: Sequence[Candidate]) -> 
 
 
 def _in_its_place(outcome: Outcome, rival: Found) -> bool:
-    """Whether a rival was fitted in the last finding's place: to as much, beside the same.
+    """Whether a rival was fitted in the last finding's place: to as much, beside the same."""
+    return _stands_beside(outcome, rival, outcome.accepted[:-1])
 
-    A fit from before another finding took a plainer or a fuller form has what it was then.
+
+def _stands_beside(outcome: Outcome, found: Found, others: Sequence[Candidate]) -> bool:
+    """Whether a fit to as much has what it is of, beside ``others`` as they are accepted now.
+
+    A fit from before one of these took a plainer or a fuller form has what it was then.
     """
-    others = outcome.accepted[:-1]
-    final, made = outcome.final.model, rival.fit.model
-    beside = {f.key for f in final.free} - {f.key for f in outcome.accepted[-1].free}
+    final, made = outcome.final.model, found.fit.model
+    kept = {c.label for c in others}
+    gone = {f.key for c in outcome.accepted if c.label not in kept for f in c.free}
+    beside = {f.key for f in final.free} - gone
     there = {f.key for f in made.free}
-    more = there - {f.key for f in (*outcome.baseline.model.free, *rival.candidate.free)}
+    back = gone & {f.key for f in outcome.baseline.model.free}  # as the baseline has them
+    more = there - {f.key for f in found.candidate.free} - back
     alike = all(made.constants.get(k) == v for c in others for k, v in c.constants.items())
-    same = rival.fit.layout.size == outcome.final.layout.size and alike
-    return not rival.refused and same and beside <= there and more <= beside
+    same = found.fit.layout.size == outcome.final.layout.size and alike
+    return not found.refused and same and beside <= there and more <= beside
 
 
 def _found_last(outcome: Outcome) -> Found:
@@ -319,14 +326,10 @@ def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
         able = []
         for item in outcome.last[:_CONFIRMED]:
             wanted = least_gain(item.candidate.cost, outcome.looks, thresholds.false_finding)
-            # fits from before something was pruned or swapped have what is no longer accepted
-            own = {f.key for f in item.candidate.free}
-            there = {f.key for f in outcome.final.model.free} | own
-            beside = there == {f.key for f in item.fit.model.free}
-            beside &= item.candidate.label not in {c.label for c in outcome.accepted}
-            if item.gain < 0.3 * wanted or item.refused or not beside:
+            known = item.candidate.label in {c.label for c in outcome.accepted}
+            if item.gain < 0.3 * wanted or known:
                 continue
-            if item.fit.layout.size != outcome.final.layout.size:
+            if not _stands_beside(outcome, item, outcome.accepted):
                 continue
             predicted = held_out_fit(item.fit, held_out, outcome.window)
             if predicted is None:
