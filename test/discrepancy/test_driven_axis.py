@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 from scipy import signal
+from scipy.interpolate import CubicSpline
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
@@ -97,6 +98,15 @@ def axis(
     return positions, forces
 
 
+def low_passed(positions, cutoff):
+    """Positions behind an analogue low-pass of order 1, of any cut-off."""
+    time = np.arange(positions.size)
+    fine = CubicSpline(time, positions)(np.arange(20 * positions.size) / 20.0)
+    low = signal.butter(1, cutoff, fs=20.0 * RATE)
+    begin = signal.lfilter_zi(*low) * fine[0]
+    return signal.lfilter(*low, fine, zi=begin)[0][::20]
+
+
 def closed_loop(
     seed,
     friction=0.0,
@@ -109,6 +119,7 @@ def closed_loop(
     wander=0.0,
     keep=0.97,
     smooth=0.0,
+    before=0.0,
     shaky=0.0,
     cogging=EVEN,
     farther=1.0,
@@ -130,6 +141,9 @@ def closed_loop(
             reference, friction, load, spring, base, cogging, drag, uneven, fading, tight
         )
         positions = np.concatenate([np.full(late, positions[0]), positions])[: positions.size]
+        if before:  # sampling
+            positions = low_passed(positions, before)
+            positions = positions + rng.normal(scale=0.3 * STEP, size=positions.size)
         if smooth:
             positions = signal.filtfilt(*signal.butter(1, smooth, fs=RATE), positions)
             positions = positions + rng.normal(scale=STEP, size=positions.size)
@@ -288,6 +302,17 @@ def test_an_encoder_that_comes_late():
     answer = explain_driven(closed_loop(6, late=3, seconds=2.0))
     assert answer.accepted == ('clock_error',)
     assert answer.findings[0].parameters['offset'].value == pytest.approx(3.0 / RATE, rel=0.01)
+
+
+@pytest.mark.parametrize('cutoff', [150.0, 300.0])
+def test_a_low_pass_far_above_the_motion_is_a_clock_or_a_low_pass(cutoff):
+    """Also above half the rate, where it stands before the samples are taken."""
+    answer = explain_driven(closed_loop(6, before=cutoff))
+    (name,) = answer.accepted
+    found = answer.findings[0]
+    assert {name, *found.confused_with} == {'clock_error', 'low_pass_filter'}
+    (other,) = [f for f in answer.ranking if f.name in found.confused_with]
+    assert 0.2 < other.probability < found.probability + 1e-9
 
 
 def test_a_low_pass_of_the_encoder_that_runs_both_ways():

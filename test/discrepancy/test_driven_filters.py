@@ -77,6 +77,23 @@ def test_a_sine_behind_an_analogue_low_pass(order, cutoff):
     assert share == pytest.approx([np.abs(gain) ** 2])
 
 
+def test_a_course_that_ends_in_motion_does_not_ring_behind_an_analogue_low_pass():
+    cutoff = 0.6 * RATE
+    (term,) = [
+        t
+        for t in channel_terms('c', 'N', RATE, 1.5, 0.1, 1.0)
+        if t.label == 'low_pass_filter/analogue-1'
+    ]
+    time = np.arange(SAMPLES) / RATE
+    turn = 2.0 * np.pi * 5.0 * time + 0.3
+    values = {f'{term.label}.cutoff': cutoff}
+    found = passed_on(np.sin(turn), {term.name: term}, values, 1.0 / RATE, 0.0)
+    gain = response(1, cutoff, 5.0)
+    expected = np.abs(gain) * np.sin(turn + np.angle(gain))
+    step = 2.0 * np.pi * 5.0 / RATE  # what a course that stops at its end would be off by
+    assert np.allclose(found, expected, atol=0.01 * step)
+
+
 def test_a_cutoff_above_half_the_rate_is_found():
     answer = explain_driven(campaign(1, 2, 1400.0))
     assert answer.accepted == ('low_pass_filter',)

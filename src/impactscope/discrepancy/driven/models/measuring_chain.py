@@ -94,27 +94,32 @@ def power_retimed(
 
 
 def delayed(samples: Array, delay: float, period: float) -> Array:
-    """Samples later by ``delay`` s, band-limited; the ends are held."""
-    n, pad = samples.size, min(samples.size, 64 + int(2.0 * abs(delay) / period))
-    spectrum, length = _spectrum_of_held(samples, pad)
+    """Samples later by ``delay`` s, band-limited; beyond the ends it goes on."""
+    n, pad = samples.size, min(samples.size - 1, 64 + int(2.0 * abs(delay) / period))
+    spectrum, length = _spectrum_of_longer(samples, pad)
     turn = np.exp(-2j * math.pi * np.fft.rfftfreq(length, period) * delay)
     return np.asarray(np.fft.irfft(spectrum * turn, length)[pad : pad + n])
 
 
 def between_samples(samples: Array, period: float) -> CubicSpline:
-    """Course of a signal up to half the sampling rate through its samples, held at the ends."""
-    pad = min(samples.size, 64)
-    spectrum, length = _spectrum_of_held(samples, pad)
+    """Course of a signal up to half the sampling rate through its samples."""
+    pad = min(samples.size - 1, 64)
+    spectrum, length = _spectrum_of_longer(samples, pad)
     fine = FINE * np.fft.irfft(spectrum, FINE * length)[: FINE * (samples.size + 2 * pad)]
     return CubicSpline(period * (np.arange(fine.size) / FINE - pad), fine)
 
 
-def _spectrum_of_held(samples: Array, pad: int) -> tuple[NDArray[np.complex128], int]:
-    """Spectrum of samples whose ends are held and then joined by a ramp, and their number."""
-    held = np.concatenate([np.full(pad, samples[0]), samples, np.full(pad, samples[-1])])
-    length = 1 << held.size.bit_length()
-    held = np.concatenate([held, np.linspace(held[-1], held[0], length - held.size)])
-    return np.fft.rfft(held), length
+def _spectrum_of_longer(samples: Array, pad: int) -> tuple[NDArray[np.complex128], int]:
+    """Spectrum of samples that go on at both ends and are then joined by a ramp, and their number.
+
+    Turned about its ends, as by a half turn, a course keeps its slope there: a kink would ring.
+    """
+    first = 2.0 * samples[0] - samples[pad:0:-1]
+    last = 2.0 * samples[-1] - samples[-2 : -pad - 2 : -1]
+    longer = np.concatenate([first, samples, last])
+    length = 1 << longer.size.bit_length()
+    longer = np.concatenate([longer, np.linspace(longer[-1], longer[0], length - longer.size)])
+    return np.fft.rfft(longer), length
 
 
 def begins_in_motion(samples: Array) -> bool:
@@ -167,8 +172,8 @@ def _passed_before(order: int, cutoff: float, samples: Array, rate: float, *, bo
 
     ``both``: forwards and backwards.
     """
-    n, pad = samples.size, min(samples.size, 64 + int(order * rate / cutoff))
-    spectrum, length = _spectrum_of_held(samples, pad)
+    n, pad = samples.size, min(samples.size - 1, 64 + int(order * rate / cutoff))
+    spectrum, length = _spectrum_of_longer(samples, pad)
     response = _analogue(order, cutoff, length, rate)
     if both:
         response = np.abs(response) ** 2
@@ -197,8 +202,8 @@ def turned(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
     order, both = filter_of(term)
     if both or not 0.0 < cutoff < _highest(term) * rate:
         return samples
-    n, pad = samples.size, min(samples.size, 64 + int(order * rate / cutoff))
-    spectrum, length = _spectrum_of_held(samples, pad)
+    n, pad = samples.size, min(samples.size - 1, 64 + int(order * rate / cutoff))
+    spectrum, length = _spectrum_of_longer(samples, pad)
     if before_sampling(term):
         response = _analogue(order, cutoff, length, rate)
     else:

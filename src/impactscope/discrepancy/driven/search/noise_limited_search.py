@@ -96,7 +96,7 @@ def noise_limited_search(
     if seed is not None and seed.terms:
         start = fits.take(seed)
         if judge.gain(baseline, start).fitted > FAR * sum(s.measured.size for s in segments):
-            beam = [start]
+            beam = [start, *_without_delays(fits, start)]
             fits.look_around(start)
     for depth in range(DEPTH):
         if depth and not time_left('further effects'):
@@ -140,6 +140,12 @@ def noise_limited_search(
         best = baseline
     rivals = tuple(f for f in fits.known.values() if f is not best)
     return Outcome(baseline, best, rivals, best is not baseline)
+
+
+def _without_delays(fits: Fits, start: Fit) -> list[Fit]:
+    """What was found without its clock or its filter: other delays may do as well."""
+    delays = [t for t in start.terms if t.name in DELAYING]
+    return fits.without_each(start, [tuple(t for t in start.terms if t != d) for d in delays])
 
 
 def _far_from_noise(judge: NoiseJudge, made: Fit) -> bool:

@@ -26,7 +26,6 @@ from impactscope.discrepancy.driven.models.backlash import COUPLED, backlash_ter
 from impactscope.discrepancy.driven.models.candidate_effects import FRICTION, candidate_effects
 from impactscope.discrepancy.driven.models.driven_mass_model import DrivenMassModel, name_of
 from impactscope.discrepancy.driven.models.measuring_chain import (
-    before_sampling,
     filter_of,
     power_passed,
     power_retimed,
@@ -417,7 +416,7 @@ def _terms(
 
 
 def _plain_filter(term: Term) -> bool:
-    return filter_of(term)[0] <= HIGHEST_ORDER and not before_sampling(term)
+    return filter_of(term)[0] <= HIGHEST_ORDER
 
 
 def taken_over(case: Case, found: Fit) -> tuple[Case, Fit]:
