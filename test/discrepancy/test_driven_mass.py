@@ -1,5 +1,7 @@
 """Masses under any force, or left alone, whose residual is noise: weak effects, and none."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -37,24 +39,38 @@ def moved(*args, **kwargs):
 
 
 def course(
-    force, cubic=0.0, start=0.0, mass=MASS, damping=DAMPING, stiffness=STIFFNESS, *, held=False
+    force,
+    cubic=0.0,
+    start=0.0,
+    mass=MASS,
+    damping=DAMPING,
+    stiffness=STIFFNESS,
+    *,
+    held=False,
+    swing=None,
 ):
-    """Position and speed by the rule of Verlet with a small step, at every sixteenth of them."""
+    """Position and speed by the rule of Verlet with a small step, at every sixteenth of them.
+
+    ``swing``: share of the stiffness that swings in time, and its frequency.
+    """
     step = 1.0 / (RATE * FINE)
     x, v, found = start, 0.0, []
+    springs = np.full(len(force), stiffness)
+    if swing:
+        springs *= 1.0 + swing[0] * np.sin(2.0 * np.pi * swing[1] * step * np.arange(len(force)))
     after = force if held else np.append(force[1:], force[-1])
-    for k, (f, later) in enumerate(zip(force, after, strict=True)):
+    for k, (f, later, spring) in enumerate(zip(force, after, springs, strict=True)):
         if k % FINE == 0:
             found.append((x, v))
-        pull = f - damping * v - stiffness * x - cubic * x**3
+        pull = f - damping * v - spring * x - cubic * x**3
         half = v + 0.5 * step * pull / mass
         x += step * half
-        pull = later - damping * half - stiffness * x - cubic * x**3
+        pull = later - damping * half - spring * x - cubic * x**3
         v = half + 0.5 * step * pull / mass
     return np.array(found)
 
 
-def shaken(seed, cubic=0.0, add=lambda y, rng: y, cut=0, gain=None):
+def shaken(seed, cubic=0.0, add=lambda y, rng: y, cut=0, gain=None, swing=None):
     """A plate on a shaker; with ``cut`` the recordings begin in motion.
 
     ``gain``: of a second output, the speed.
@@ -68,7 +84,7 @@ def shaken(seed, cubic=0.0, add=lambda y, rng: y, cut=0, gain=None):
         spectrum[band] = np.exp(2j * np.pi * rng.random(lines))
         fine = np.fft.irfft(spectrum, SAMPLES * FINE)
         fine *= size / np.std(fine) * np.clip(np.arange(fine.size) / (0.05 * fine.size), 0, 1)
-        position, speed = course(fine, cubic).T
+        position, speed = course(fine, cubic, swing=swing).T
         y = add(position + NOISE * rng.standard_normal(SAMPLES), rng)
         u = fine[::FINE] + FORCE_NOISE * rng.standard_normal(SAMPLES)
         recordings.append({'force.shaker': ('N', u[cut:]), 'displacement.plate': ('m', y[cut:])})
@@ -113,6 +129,14 @@ def test_a_weak_cube_that_no_share_of_the_residual_shows():
     assert answer.accepted == ('hardening_spring',)
     found = answer.ranking[0].parameters['cubic']
     assert abs(found.value - cubic) < 4.0 * found.std
+
+
+@pytest.mark.parametrize('frequency', [7.0, 21.13])
+def test_a_weak_stiffness_that_swings_is_unknown_at_any_frequency(frequency):
+    answer = explain_driven(shaken(4, swing=(3e-4, frequency)))
+    assert answer.accepted == ('unknown',)
+    told = re.search(r'swings at ([0-9.]+) Hz', answer.unexplained_description)
+    assert float(told[1]) == pytest.approx(frequency, abs=0.1)
 
 
 def test_a_yielding_spring_that_yields_early_is_told_in_the_words_of_the_vocabulary():

@@ -15,8 +15,14 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from impactscope.discrepancy.driven.adequacy.cogging import periods_to_try
+from impactscope.discrepancy.driven.adequacy.swinging import (
+    SWINGS,
+    answers_of_swings,
+    frequencies,
+    swings_seen,
+)
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import LOOKS, Group, Shaped
-from impactscope.discrepancy.driven.fits.innovations import each_alone, joined
+from impactscope.discrepancy.driven.fits.innovations import each_alone, innovations, joined
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.models.model import Model, Segment
 
@@ -26,6 +32,7 @@ Array = NDArray[np.float64]
 
 NEAR = 1e-12
 MODE_DAMPING = 0.03
+SWING = 2.5  # of the natural frequency, up to which a stiffness is taken to swing
 REPEATS = 'a force that repeats'
 BELLS = 0.05, 0.15  # of the range of motion: widths of what acts about one place, at first
 
@@ -41,6 +48,7 @@ class _Plate:
             x, v = model.motion(made.values, made.terms, made.starts[i], segments[i])
             self.motions.append((x, v))
         self.outputs = [segments[i].measured - made.residuals[i] for i in self.fitted]
+        self.left = [innovations(segments[i], made.residuals[i]) for i in self.fitted]
         mass, stiffness = made.values.get('mass', 1.0), made.values.get('stiffness', 0.0)
         damping = made.values['damping']
         first = segments[self.fitted[0]]
@@ -72,6 +80,14 @@ class _Plate:
     def alone(self, shapes: Sequence[Array], *, force: bool) -> list[Array]:
         """One column for each recording, zero in the others."""
         return each_alone(self.chosen, self._filtered(shapes) if force else shapes)
+
+    def pulse(self, i: int) -> Array:
+        """Whitened answer of the ``i``-th fitted recording to a force of one sample."""
+        size = self.left[i].size
+        force = np.zeros(size)
+        force[size // 2] = 1.0  # where whitening has begun
+        (answer,) = self._filtered([force])
+        return innovations(self.chosen[i], answer)[size // 2 :]
 
     def _filtered(self, forces: Sequence[Array]) -> list[Array]:
         return [signal.lfilter(self.above, self.below, f) for f in forces]
@@ -146,18 +162,27 @@ def plate_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
 
 
 def _swinging(p: _Plate, xs: Sequence[Array], times: Sequence[Array]) -> Iterator[Group]:
-    top = 2.5 * p.natural / (2.0 * math.pi)
-    step = max(0.7 / p.longest, top / 60.0)
-    for frequency in np.arange(0.5 * step, top, step):
+    longest = max(x.size for x in xs)
+    highest = SWING * p.natural / (2.0 * math.pi)
+    seen = [
+        answers_of_swings(rest, x, p.pulse(i), longest)
+        for i, (rest, x) in enumerate(zip(p.left, xs, strict=True))
+    ]
+    together, apart = swings_seen(seen, frequencies(longest, p.period), highest)
+    sought = round(SWINGS * highest * p.longest)
+    looks = max(LOOKS, sought)
+    for frequency in dict.fromkeys((*together, *apart)):
         turn = 2.0 * math.pi * frequency
         law = f'a stiffness that swings at {frequency:.3g} Hz'
         waves = [
             [x * wave(turn * t) for x, t in zip(xs, times, strict=True)]
             for wave in (np.sin, np.cos)
         ]
-        yield Group(law, [p.answer(wave) for wave in waves])
-        if len(xs) > 1:  # what swings does not wait for recordings to begin
-            yield Group(law, [column for w in waves for column in p.alone(w, force=True)])
+        if frequency in together:
+            yield Group(law, [p.answer(wave) for wave in waves], looks, sought=sought)
+        if len(xs) > 1 and frequency in apart:  # it does not wait for recordings to begin
+            columns = [column for w in waves for column in p.alone(w, force=True)]
+            yield Group(law, columns, looks, sought=sought)
 
 
 def _repeating(p: _Plate, xs: Sequence[Array]) -> Iterator[Group]:

@@ -11,6 +11,13 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from impactscope.discrepancy.driven.adequacy.plate_laws import STATE
+from impactscope.discrepancy.driven.adequacy.swinging import (
+    SWINGS,
+    Swing,
+    answers_of_swings,
+    frequencies,
+    swings_seen,
+)
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import LOOKS, Group
 from impactscope.discrepancy.driven.fits.innovations import each_alone, innovations, joined
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
@@ -23,8 +30,6 @@ Array = NDArray[np.float64]
 
 MEMORIES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of the motion's own rate
 FASTEST = 60.0  # Hz, up to which a stiffness is taken to swing
-SWINGS = 4  # ways to swing at each frequency: of what, and in each recording alone or not
-BEST = 3  # frequencies that are looked at closely
 
 
 def prescribed_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator[Group]:  # noqa: ARG001
@@ -73,39 +78,32 @@ def prescribed_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Ite
             keep = math.exp(-s.period * rate * ratio)
             late.append(signal.lfilter([1.0 - keep], [1.0, -keep], v))
         yield Group('a force that relaxes', [column(late)], case_of=RELAXING)
-    residuals = [innovations(segments[i], made.residuals[i]) for i in fitted]
-    longest = chosen[0].period * max(r.size for r in residuals)
-    highest = min(FASTEST, 0.5 / chosen[0].period)
-    sought = round(SWINGS * highest * longest)
+    longest = max(s.measured.size for s in chosen)
+    frequency = frequencies(longest, chosen[0].period)
+    highest = min(FASTEST, float(frequency[-1]))
+    sought = round(2 * SWINGS * highest * longest * chosen[0].period)  # of either of two
     looks = max(LOOKS, sought)
     for what, shapes in (('stiffness', xs), ('damping', vs)):
-        for frequency in _swings(residuals, shapes, chosen[0].period):
+        seen = [
+            _swings(segments[i], made.residuals[i], shape, longest)
+            for i, shape in zip(fitted, shapes, strict=True)
+        ]
+        together, apart = swings_seen(seen, frequency, highest)
+        for about in dict.fromkeys((*together, *apart)):
             waves = [
-                [
-                    p * wave(2.0 * math.pi * frequency * t)
-                    for p, t in zip(shapes, times, strict=True)
-                ]
+                [p * wave(2.0 * math.pi * about * t) for p, t in zip(shapes, times, strict=True)]
                 for wave in (np.sin, np.cos)
             ]
-            name = f'a {what} that swings at {frequency:.3g} Hz'
-            yield Group(name, [column(w) for w in waves], looks, sought=sought)
-            if len(chosen) > 1:
+            name = f'a {what} that swings at {about:.3g} Hz'
+            if about in together:
+                yield Group(name, [column(w) for w in waves], looks, sought=sought)
+            if len(chosen) > 1 and about in apart:
                 yield Group(name, [c for w in waves for c in alone(w)], looks, sought=sought)
 
 
-def _swings(residuals: Sequence[Array], shapes: Sequence[Array], period: float) -> list[float]:
-    """Frequencies at which a residual goes most like a shape that swings, Hz."""
-    length = 2 * max(r.size for r in residuals)
-    power = np.zeros(length // 2 + 1)
-    for r, p in zip(residuals, shapes, strict=True):
-        size = float(p @ p)
-        if size > 0.0:
-            power += np.abs(np.fft.rfft(r * p, length)) ** 2 / (0.5 * size)
-    frequency = np.fft.rfftfreq(length, period)
-    power[(frequency > FASTEST) | (frequency < 1.0 / (length * period))] = 0.0
-    found = []
-    for _ in range(BEST):
-        best = int(np.argmax(power))
-        found.append(float(frequency[best]))
-        power[max(best - 3, 0) : best + 4] = 0.0
-    return found
+def _swings(segment: Segment, residual: Array, shape: Array, longest: int) -> Swing:
+    """What a recording shows of a force that is read as it is."""
+    pulse = np.zeros(shape.size)
+    pulse[shape.size // 2] = 1.0  # where whitening has begun
+    answer = innovations(segment, pulse)[shape.size // 2 :]
+    return answers_of_swings(innovations(segment, residual), shape, answer, longest)

@@ -33,8 +33,9 @@ LEFT_ALONE = {  # parameters that are not fitted at first: a push is not seen to
 _VANISHES = {'base_compliance': 'mass'}  # numbers at whose infinity an effect is absent
 _RINGS_ON = ('base_compliance',)  # effects with a motion of their own, which a tap excites
 _PULSE_KNOWN = 0.3  # relative, of a tap's duration
-_RINGS = tuple(float(f) for f in np.geomspace(20.0, 1200.0, 29))  # Hz, where a part may ring
-_MOST_STARTS = 36  # of a candidate
+# Hz, where a part may ring
+_RINGS = tuple(float(f) for f in np.geomspace(20.0, 0.95 * LARGEST_FREQUENCY, 35))
+_MOST_STARTS = 42  # of a candidate
 _WEIGHTS = ('gravity_load', 'restoring_force')
 _TIED = 1.0  # of chi-square, by which what not all blows have alike has to explain more
 
@@ -187,7 +188,9 @@ def _starts(
             values = (0.01, 0.03, 0.1)
         elif p.name == 'frequency':
             channel = 'acceleration.base' if 'base' in kind.name else 'acceleration.impactor'
-            values = tuple(dict.fromkeys((*scales.resonances.get(channel, ()), *_RINGS)))
+            seen = 0.5 * max(scales.rates.values())
+            rings = (f for f in _RINGS if f < seen)
+            values = tuple(dict.fromkeys((*scales.resonances.get(channel, ()), *rings)))
         elif p.absent is not None and math.isfinite(p.absent):
             values = p.start[:1]  # its strength is found by scaling
         lists.append(values)

@@ -13,7 +13,7 @@ __all__ = ['LARGEST_FREQUENCY', 'MotionScales']
 
 Array = NDArray[np.float64]
 
-LARGEST_FREQUENCY = 1500.0
+LARGEST_FREQUENCY = 3000.0
 """Hz, up to which a part may ring."""
 
 _RINGING = 0.3  # s after the onset in which resonances are looked for
@@ -52,7 +52,7 @@ def _resonances(fit: Fit, channel: str, count: int = 3) -> tuple[float, ...]:
     """Frequencies at which the residual of a channel is strongest, Hz."""
     total: Array | None = None
     step = 0.2 / LARGEST_FREQUENCY
-    grid = np.geomspace(8.0, LARGEST_FREQUENCY, 240)
+    grid = np.geomspace(8.0, LARGEST_FREQUENCY, 270)
     for i in fit.layout.blows:
         blow = fit.model.data.blows[i]
         if channel not in blow.channels or (i, channel) not in fit.layout.spans:
