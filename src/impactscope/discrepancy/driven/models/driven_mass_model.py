@@ -15,7 +15,6 @@ from impactscope.discrepancy.driven.models.backlash import (
     follow,
     run_with_backlash,
 )
-from impactscope.discrepancy.driven.models.measuring_chain import fading
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
@@ -36,15 +35,7 @@ class DrivenMassModel(OscillatorModel):
     ) -> Array:
         """Predicted channel, shape (n,); what acts in another channel plays no part."""
         mine = tuple(t for t in terms if not t.output or t.channel == segment.channel)
-        made = super().predict(values, mine, start, segment)
-        coupled = next((t for t in mine if t.name == 'ac_coupling' and not t.own), None)
-        if coupled is not None and self.drifts and start.size:
-            # Where an axis stands plays no part behind a coupling that has long forgotten it: it
-            # begins where the channel does, and the coupling forgets that.
-            corner = values[key(coupled, coupled.numbers[0])]
-            if 0.0 < corner < 0.5 / segment.period:
-                made += start[0] * fading(corner, 1.0 / segment.period, made.size)
-        return made
+        return super().predict(values, mine, start, segment)
 
     def _run(
         self, values: Mapping[str, float], terms: tuple[Term, ...], start: Array, segment: Segment

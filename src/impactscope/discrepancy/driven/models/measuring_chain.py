@@ -25,7 +25,6 @@ __all__ = [
     'between_samples',
     'count_in_motion',
     'delayed',
-    'fading',
     'filter_of',
     'in_motion',
     'passed_on',
@@ -226,11 +225,11 @@ def _highest(term: Term) -> float:
     return ABOVE if before_sampling(term) else 0.5
 
 
-def _coupled(corner: float, samples: Array, rate: float) -> Array:
+def _coupled(corner: float, samples: Array, rate: float, before: float | None) -> Array:
     if not 0.0 < corner < 0.5 * rate:
         return samples
     b, a = high_pass(corner, rate)
-    begin = -b[0] * _before(samples)  # and for long
+    begin = -b[0] * (_before(samples) if before is None else before)  # and for long
     return np.asarray(signal.lfilter(b, a, samples, zi=[begin])[0])
 
 
@@ -275,12 +274,12 @@ def _running(corner: float, rate: float, rest: Array) -> Array:
     """What a coupling still holds of the time before a recording, as the rest has it, (n,)."""
     if not 0.0 < corner < 0.5 * rate:
         return np.zeros(rest.size)
-    held = fading(corner, rate, rest.size)
+    held = _fading(corner, rate, rest.size)
     return np.asarray(float(held @ rest) / float(held @ held) * held)
 
 
 @functools.lru_cache(maxsize=32)
-def fading(corner: float, rate: float, count: int) -> Array:
+def _fading(corner: float, rate: float, count: int) -> Array:
     """How a coupling of a corner (Hz) above zero forgets, shape (count,), from one."""
     keep = -high_pass(corner, rate)[1][1]
     most = min(count, 1 + int(-FORGOTTEN / math.log(keep))) if 0.0 < keep < 1.0 else 1
@@ -335,6 +334,7 @@ def passed_on(
     beyond: Array | None = None,
     measured: Array | None = None,
     moving: tuple[bool, bool] | None = None,
+    before: float | None = None,
 ) -> Array:
     """What a chain makes of samples, shape (n,), without its clock.
 
@@ -349,6 +349,8 @@ def passed_on(
             hold from before the recording are taken; zeros where it is not there.
         moving: whether the recording begins and ends in motion, where that is known; else where
             its samples are not quiet there.
+        before: level before the first sample, of which a coupling has forgotten the rest; else
+            that of a quiet beginning.
     """
     rate = 1.0 / period
     y = samples
@@ -360,7 +362,7 @@ def passed_on(
         y = y + beyond
     if 'ac_coupling' in parts:
         term = parts['ac_coupling']
-        y = _coupled(values[f'{term.label}.corner'], y, rate)
+        y = _coupled(values[f'{term.label}.corner'], y, rate, before)
     if 'offset' in parts:
         y = y + values[f'{parts["offset"].label}.value']
     if 'zero_drift' in parts:

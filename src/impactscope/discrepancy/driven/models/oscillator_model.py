@@ -146,6 +146,9 @@ class OscillatorModel:
             measured=segment.measured,
             # of an axis a slow motion may be small beside its way and large beside its noise
             moving=(True, True) if self.drifts else None,
+            # where an axis stands plays no part behind a coupling that has long forgotten it: it
+            # begins where the channel does, and the coupling forgets that
+            before=0.0 if self.drifts and start.size else None,
         )
 
     def motion(

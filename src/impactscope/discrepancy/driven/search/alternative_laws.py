@@ -11,8 +11,8 @@ import math
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.model_selection.model_comparison import Judge
 from impactscope.discrepancy.driven.models.candidate_effects import FRICTION
-from impactscope.discrepancy.driven.models.terms import key
-from impactscope.discrepancy.driven.search.joint_fits import Fits
+from impactscope.discrepancy.driven.models.terms import Term, key
+from impactscope.discrepancy.driven.search.joint_fits import Fits, labels_of
 
 __all__ = [
     'base_in_place_of_play',
@@ -250,23 +250,35 @@ def other_zero(fits: Fits, best: Fit, judge: Judge) -> Fit:
 def spring_of_position(fits: Fits, best: Fit, judge: Judge) -> Fit:
     """A weak spring in the place of a coupling of a position that fades within no recording.
 
-    Of a mass with a damper they are one law, and what reads positions is not coupled.
+    Of a mass with a damper they are one law, and what reads positions is not coupled. Whichever
+    the search has found, both are held against each other.
     """
-    old = next((t for t in best.terms if t.output and t.name == 'ac_coupling'), None)
-    spring = next((t for t in fits.model.terms if t.label == 'restoring_force'), None)
     position = fits.model.drifts and all(s.unit in ('m', 'rad') for s in fits.segments)
-    if old is None or spring is None or not position:
+    coupling = next((t for t in fits.model.terms if t.label == 'ac_coupling/output'), None)
+    spring = next((t for t in fits.model.terms if t.label == 'restoring_force'), None)
+    if coupling is None or spring is None or not position:
         return best
-    corner = 2.0 * math.pi * best.values[key(old, old.numbers[0])]
-    longest = max(s.measured.size * s.period for s in fits.segments)
-    rest = tuple(t for t in best.terms if t is not old)
-    if corner * longest > 1.0 or not all(spring.stands_with(t) for t in rest):
+    turn = 2.0 * math.pi * best.values['damping']  # stiffness over corner
+    fades = 2.0 * math.pi * max(s.measured.size * s.period for s in fits.segments)
+    corner, stiffness = (key(t, t.numbers[0]) for t in (coupling, spring))
+    found = labels_of(best.terms)
+    if spring.label in found and abs(best.values[stiffness]) * fades <= turn:
+        _instead(fits, best, spring, coupling, best.values[stiffness] / turn)
+    if coupling.label not in found or best.values[corner] * fades > 1.0:
         return best
-    initial = {key(spring, n): n.starts[0] for n in spring.numbers}
-    initial[key(spring, spring.numbers[0])] = best.values['damping'] * corner
-    made = fits.polish(fits.make(best, (*rest, spring), initial))
+    made = _instead(fits, best, coupling, spring, turn * best.values[corner])
+    if made is None:
+        return best
     worse = judge.criterion(made, fits.baseline) - judge.criterion(best, fits.baseline)
     return made if worse < AS_GOOD else best
+
+
+def _instead(fits: Fits, best: Fit, old: Term, new: Term, number: float) -> Fit | None:
+    """A fit with another term, of one number, in the place of an old one; None if it cannot be."""
+    rest = tuple(t for t in best.terms if t.label != old.label)
+    if not all(new.stands_with(t) for t in rest):
+        return None
+    return fits.polish(fits.once_more(best, (*rest, new), {key(new, new.numbers[0]): number}))
 
 
 def _best(fits: Fits, judge: Judge) -> Fit:
