@@ -130,6 +130,17 @@ def test_a_recording_that_begins_in_motion_holds_what_was_before(before, order):
     assert (np.max(np.abs(unknown - out)) < 1e-9) == (before == 0)
 
 
+@pytest.mark.parametrize('speed', [0.1, 1.0])
+def test_a_coupling_that_fades_within_no_recording_leaves_a_position_as_it_is(speed):
+    """Of an axis that sets out to a place far from where it stood, at rest or in motion."""
+    term = next(t for t in channel_terms('c', 'm', RATE, 1.5, 0.1, 1.0) if t.name == 'ac_coupling')
+    values = {f'{term.label}.corner': 1e-9}
+    time = np.arange(SAMPLES) / RATE
+    way = 0.01 * np.tanh(speed * 100.0 * time)
+    found = passed_on(way, {term.name: term}, values, 1.0 / RATE, 0.0, before=0.0)
+    assert np.allclose(found, way, atol=1e-8)
+
+
 def test_a_course_that_is_off_at_its_end_makes_no_level_before_it():
     """A coupling takes the level before a recording off all of it, also one that is none."""
     term = next(
