@@ -15,7 +15,8 @@ Array = NDArray[np.float64]
 
 BEST = 3  # frequencies that are looked at closely, of one phase and of many
 APART = 3  # lines of a frequency, between which another one lies
-SWINGS = 2  # ways of what swings: with one phase, or with one in each recording
+# looks by Hz and second: with one phase or with one in each recording, at lines half a line apart
+SWINGS = 4
 
 
 class Swing(NamedTuple):
