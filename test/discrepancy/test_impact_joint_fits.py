@@ -191,6 +191,18 @@ def test_what_contacts_amplify_is_sought_from_little(make_campaign, seed):
     assert found.fit.reduced < 1.05
 
 
+def test_a_narrow_line_between_the_frequencies_that_are_tried_first_is_found(make_campaign):
+    arm = {'frequency': 700.0, 'mass_share': 0.0009, 'damping_ratio': 0.004}
+    campaign = make_campaign(5, [Effect('impactor_flexibility', arm)])
+    current = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    thresholds = Thresholds()
+    found, _, _ = JointFits(campaign.baseline_names, thresholds).step(current)
+    assert found[0].candidate.label == 'impactor_flexibility'
+    assert found[0].counts(thresholds.false_finding)
+    told = found[0].fit.values['impactor_flexibility.frequency']
+    assert told == pytest.approx(700.0, abs=5.0)
+
+
 def test_a_fit_that_keeps_little_of_what_slopes_promise_sets_out_from_there(windows):
     whole, before = windows
     model, key = before.candidate.extend(whole.model), 'coulomb_friction.force'

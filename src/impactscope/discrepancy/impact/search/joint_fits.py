@@ -28,6 +28,7 @@ from impactscope.discrepancy.impact.fits.least_squares import (
     settled,
 )
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
+from impactscope.discrepancy.impact.search.other_minima import scanned
 from impactscope.discrepancy.impact.search.outcome import QUIET, Found, settled_without, weigh
 from impactscope.discrepancy.impact.search.recording_ends import (
     runs_backwards,
@@ -137,8 +138,31 @@ class JointFits:
         elif not most and only_a_return_is_missed(current):
             fits = _with_kin(from_return(current, listed), current, listed)
             found = _best_of(found, [weigh(c, f, current, len(listed)) for c, f in fits])
+        elif not most and math.isinf(self.window):
+            found = self._with_lines(current, found, listed)
         found, without = self._settle(current, found, len(listed))
         return found, len(listed), without
+
+    def _with_lines(
+        self, current: Fit, found: list[Found], listed: Sequence[Candidate]
+    ) -> list[Found]:
+        """What was fitted, and where nothing of it counts, narrow lines of what rings.
+
+        They lie between the frequencies from which a candidate is tried at first.
+        """
+        if any(f.counts(self.thresholds.false_finding) for f in found):
+            return found
+        if not time_left('lines between the frequencies that were tried'):
+            return found
+        screening, looks = Screening(current), len(listed)
+        trials = [t for c in listed if not c.channel for t in scanned(screening, c)]
+        lines, spread = [], max(1.0, current.reduced)
+        for t in trials:
+            if t.gain > self._least(t.candidate, looks) * spread:
+                with contextlib.suppress(ImpactscopeError):
+                    joint = fit(t.model, current.layout, t.x, settled=0.1, near=current)
+                    lines.append(weigh(t.candidate, joint, current, looks))
+        return _best_of(found, lines)
 
     @staticmethod
     def _with_suspected(

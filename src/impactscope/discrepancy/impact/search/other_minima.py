@@ -27,7 +27,7 @@ from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
-__all__ = ['lowest', 'other_modes', 'rung', 'weighed_by_width', 'widened']
+__all__ = ['lowest', 'other_modes', 'rung', 'scanned', 'weighed_by_width', 'widened']
 
 Array = NDArray[np.float64]
 
@@ -55,12 +55,19 @@ def rung(without: Fit, candidate: Candidate) -> list[dict[str, float]]:
 
     ``without``: the fit that lacks it. Nothing where the candidate has no frequency.
     """
+    return [t.model.values(t.x) for t in scanned(Screening(without), candidate)]
+
+
+def scanned(screening: Screening, candidate: Candidate) -> list[Trial]:
+    """A candidate that rings, tried at the frequencies that explain most, narrow lines and broad.
+
+    Nothing where it has no frequency.
+    """
     key, ratio = f'{candidate.label}.frequency', f'{candidate.label}.damping_ratio'
     number = next((f for f in candidate.free if f.key == key), None)
     if number is None:
         return []
     highest = min(number.upper, LARGEST_FREQUENCY)
-    screening = Screening(without)
     start = dict(candidate.starts[0])
     tops: list[Trial] = []
     for broader in _BROADER if ratio in start else _BROADER[:1]:
@@ -68,8 +75,7 @@ def rung(without: Fit, candidate: Candidate) -> list[dict[str, float]]:
         count = round(math.log(highest / _LOWEST) / (_APART * broader))
         grid = np.geomspace(_LOWEST, highest, count)
         tops += screening.peaks(candidate, [{**at, key: float(f)} for f in grid])[:_PEAKS]
-    refined = in_parallel(lambda t: screening.best_refined([t]), tops)
-    return [t.model.values(t.x) for t in refined]
+    return in_parallel(lambda t: screening.best_refined([t]), tops)
 
 
 def other_modes(
