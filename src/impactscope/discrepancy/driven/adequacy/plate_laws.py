@@ -15,12 +15,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from impactscope.discrepancy.driven.adequacy.cogging import periods_to_try
-from impactscope.discrepancy.driven.adequacy.swinging import (
-    SWINGS,
-    answers_of_swings,
-    frequencies,
-    swings_seen,
-)
+from impactscope.discrepancy.driven.adequacy.swinging import swinging_laws
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import LOOKS, Group, Shaped
 from impactscope.discrepancy.driven.fits.innovations import each_alone, innovations, joined
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
@@ -32,7 +27,7 @@ Array = NDArray[np.float64]
 
 NEAR = 1e-12
 MODE_DAMPING = 0.03
-SWING = 2.5  # of the natural frequency, up to which a stiffness is taken to swing
+FASTEST = 2.5  # of the natural frequency, up to which a stiffness is taken to swing
 REPEATS = 'a force that repeats'
 BELLS = 0.05, 0.15  # of the range of motion: widths of what acts about one place, at first
 
@@ -67,7 +62,7 @@ class _Plate:
 
     def answer(self, forces: Sequence[Array]) -> Array:
         """Whitened output, shape (n,), of small forces that act on the plate."""
-        return self.output(self._filtered(forces))
+        return self.output(self.motion_of(forces))
 
     def output(self, changes: Sequence[Array]) -> Array:
         """Whitened changes of the output, shape (n,)."""
@@ -79,17 +74,10 @@ class _Plate:
 
     def alone(self, shapes: Sequence[Array], *, force: bool) -> list[Array]:
         """One column for each recording, zero in the others."""
-        return each_alone(self.chosen, self._filtered(shapes) if force else shapes)
+        return each_alone(self.chosen, self.motion_of(shapes) if force else shapes)
 
-    def pulse(self, i: int) -> Array:
-        """Whitened answer of the ``i``-th fitted recording to a force of one sample."""
-        size = self.left[i].size
-        force = np.zeros(size)
-        force[size // 2] = 1.0  # where whitening has begun
-        (answer,) = self._filtered([force])
-        return innovations(self.chosen[i], answer)[size // 2 :]
-
-    def _filtered(self, forces: Sequence[Array]) -> list[Array]:
+    def motion_of(self, forces: Sequence[Array]) -> list[Array]:
+        """What small forces make of the channel, each shape (n,)."""
         return [signal.lfilter(self.above, self.below, f) for f in forces]
 
 
@@ -156,33 +144,10 @@ def plate_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterator
     if made.values.get('stiffness', 0.0) == 0.0 and segments[0].derivative == 0:
         yield from _repeating(p, xs)  # with a spring a place is hardly passed twice
         yield from _at_a_place(p, xs, signs)
-    yield from _swinging(p, xs, times)
+    highest = FASTEST * p.natural / (2.0 * math.pi)
+    yield from swinging_laws('stiffness', p.chosen, p.left, xs, highest, through=p.motion_of)
     yield from _memory(p, xs, vs)
     yield from _modes(p)
-
-
-def _swinging(p: _Plate, xs: Sequence[Array], times: Sequence[Array]) -> Iterator[Group]:
-    longest = max(x.size for x in xs)
-    highest = SWING * p.natural / (2.0 * math.pi)
-    seen = [
-        answers_of_swings(rest, x, p.pulse(i), longest)
-        for i, (rest, x) in enumerate(zip(p.left, xs, strict=True))
-    ]
-    together, apart = swings_seen(seen, frequencies(longest, p.period), highest)
-    sought = round(SWINGS * highest * p.longest)
-    looks = max(LOOKS, sought)
-    for frequency in dict.fromkeys((*together, *apart)):
-        turn = 2.0 * math.pi * frequency
-        law = f'a stiffness that swings at {frequency:.3g} Hz'
-        waves = [
-            [x * wave(turn * t) for x, t in zip(xs, times, strict=True)]
-            for wave in (np.sin, np.cos)
-        ]
-        if frequency in together:
-            yield Group(law, [p.answer(wave) for wave in waves], looks, sought=sought)
-        if len(xs) > 1 and frequency in apart:  # it does not wait for recordings to begin
-            columns = [column for w in waves for column in p.alone(w, force=True)]
-            yield Group(law, columns, looks, sought=sought)
 
 
 def _repeating(p: _Plate, xs: Sequence[Array]) -> Iterator[Group]:

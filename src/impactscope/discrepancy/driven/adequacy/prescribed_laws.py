@@ -11,14 +11,8 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from impactscope.discrepancy.driven.adequacy.plate_laws import STATE
-from impactscope.discrepancy.driven.adequacy.swinging import (
-    SWINGS,
-    Swing,
-    answers_of_swings,
-    frequencies,
-    swings_seen,
-)
-from impactscope.discrepancy.driven.adequacy.unmodelled_laws import LOOKS, Group
+from impactscope.discrepancy.driven.adequacy.swinging import swinging_laws
+from impactscope.discrepancy.driven.adequacy.unmodelled_laws import Group
 from impactscope.discrepancy.driven.fits.innovations import each_alone, innovations, joined
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.models.model import Model, Segment
@@ -78,32 +72,7 @@ def prescribed_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Ite
             keep = math.exp(-s.period * rate * ratio)
             late.append(signal.lfilter([1.0 - keep], [1.0, -keep], v))
         yield Group('a force that relaxes', [column(late)], case_of=RELAXING)
-    longest = max(s.measured.size for s in chosen)
-    frequency = frequencies(longest, chosen[0].period)
-    highest = min(FASTEST, float(frequency[-1]))
-    sought = round(2 * SWINGS * highest * longest * chosen[0].period)  # of either of two
-    looks = max(LOOKS, sought)
+    residuals = [innovations(segments[i], made.residuals[i]) for i in fitted]
+    highest = min(FASTEST, 0.5 / chosen[0].period)
     for what, shapes in (('stiffness', xs), ('damping', vs)):
-        seen = [
-            _swings(segments[i], made.residuals[i], shape, longest)
-            for i, shape in zip(fitted, shapes, strict=True)
-        ]
-        together, apart = swings_seen(seen, frequency, highest)
-        for about in dict.fromkeys((*together, *apart)):
-            waves = [
-                [p * wave(2.0 * math.pi * about * t) for p, t in zip(shapes, times, strict=True)]
-                for wave in (np.sin, np.cos)
-            ]
-            name = f'a {what} that swings at {about:.3g} Hz'
-            if about in together:
-                yield Group(name, [column(w) for w in waves], looks, sought=sought)
-            if len(chosen) > 1 and about in apart:
-                yield Group(name, [c for w in waves for c in alone(w)], looks, sought=sought)
-
-
-def _swings(segment: Segment, residual: Array, shape: Array, longest: int) -> Swing:
-    """What a recording shows of a force that is read as it is."""
-    pulse = np.zeros(shape.size)
-    pulse[shape.size // 2] = 1.0  # where whitening has begun
-    answer = innovations(segment, pulse)[shape.size // 2 :]
-    return answers_of_swings(innovations(segment, residual), shape, answer, longest)
+        yield from swinging_laws(what, chosen, residuals, shapes, highest, kinds=2)

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-__all__ = ['SWINGS', 'Swing', 'answers_of_swings', 'frequencies', 'swings_seen']
+from impactscope.discrepancy.driven.adequacy.unmodelled_laws import LOOKS, Group
+from impactscope.discrepancy.driven.fits.innovations import each_alone, innovations, joined
+from impactscope.discrepancy.driven.models.model import Segment
+
+__all__ = ['Swing', 'answers_of_swings', 'frequencies', 'swinging_laws', 'swings_seen']
 
 Array = NDArray[np.float64]
 
 BEST = 3  # frequencies that are looked at closely, of one phase and of many
 APART = 3  # lines of a frequency, between which another one lies
 # looks by Hz and second: with one phase or with one in each recording, at lines half a line apart
-SWINGS = 4
+LOOKS_BY_LINE = 4
 
 
 class Swing(NamedTuple):
@@ -28,6 +33,58 @@ class Swing(NamedTuple):
 
     along: NDArray[np.complex128]
     power: Array
+
+
+def swinging_laws(
+    what: str,
+    segments: Sequence[Segment],
+    residuals: Sequence[Array],
+    shapes: Sequence[Array],
+    highest: float,
+    *,
+    through: Callable[[Sequence[Array]], Sequence[Array]] = list,
+    kinds: int = 1,
+) -> Iterator[Group]:
+    """Laws of a force that swings in time, at the frequencies that explain most.
+
+    Args:
+        what: swings, as in: a stiffness that swings at ...
+        segments: that are fitted.
+        residuals: of these, whitened, in units of their noise, each shape (n,).
+        shapes: the force that swings, by recording, each shape (n,).
+        highest: Hz, up to which it is taken to swing.
+        through: channel that small forces make; the forces themselves unless told.
+        kinds: of what is taken to swing.
+    """
+    period, longest = segments[0].period, max(x.size for x in shapes)
+    seen = [
+        answers_of_swings(rest, x, _pulse(s, through), longest)
+        for s, rest, x in zip(segments, residuals, shapes, strict=True)
+    ]
+    together, apart = swings_seen(seen, frequencies(longest, period), highest)
+    sought = round(kinds * LOOKS_BY_LINE * highest * longest * period)
+    looks = max(LOOKS, sought)
+    for frequency in dict.fromkeys((*together, *apart)):
+        turn = 2.0 * math.pi * frequency * period
+        waves = [
+            through([x * wave(turn * np.arange(x.size)) for x in shapes])
+            for wave in (np.sin, np.cos)
+        ]
+        law = f'a {what} that swings at {frequency:.3g} Hz'
+        if frequency in together:
+            yield Group(law, [joined(segments, w) for w in waves], looks, sought=sought)
+        if len(shapes) > 1 and frequency in apart:  # it does not wait for recordings to begin
+            columns = [column for w in waves for column in each_alone(segments, w)]
+            yield Group(law, columns, looks, sought=sought)
+
+
+def _pulse(segment: Segment, through: Callable[[Sequence[Array]], Sequence[Array]]) -> Array:
+    """Whitened answer of a recording to a force of one sample."""
+    force = np.zeros(segment.measured.size)
+    begin = force.size // 2  # where whitening has begun
+    force[begin] = 1.0
+    (answer,) = through([force])
+    return innovations(segment, answer)[begin:]
 
 
 def frequencies(longest: int, period: float) -> Array:

@@ -399,7 +399,9 @@ def _terms(
         )
         found += [t for t in terms if t.output or channel == channels[0]]
     if linear.drifts:  # its motion is far below any filter: the delay is all that shows
-        found = [t for t in found if t.name != 'low_pass_filter' or _plain_filter(t)]
+        found = [
+            t for t in found if t.name != 'low_pass_filter' or filter_of(t)[0] <= HIGHEST_ORDER
+        ]
         # and what a coupling holds of the time before is where the recording begins
         found = [t for t in found if t.name != 'ac_coupling' or not t.own]
     if linear.drifts and all(s.derivative == 0 for s in segments):
@@ -413,10 +415,6 @@ def _terms(
         others = frozenset(t.name for t in found if not t.output) - able
         found += backlash_terms(x, sizes.position_unit, first.rate, others)
     return tuple(found)
-
-
-def _plain_filter(term: Term) -> bool:
-    return filter_of(term)[0] <= HIGHEST_ORDER
 
 
 def taken_over(case: Case, found: Fit) -> tuple[Case, Fit]:
