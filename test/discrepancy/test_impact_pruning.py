@@ -242,6 +242,7 @@ def test_one_effect_in_place_of_two_counts_from_its_lowest_minimum(
     outcome = Outcome(start, current, [first, second])
     outcome.found = {c.label: Found(c, current, 50.0, 1e-9, -40.0) for c in (first, second)}
     monkeypatch.setattr(searching, 'with_findings', lambda *_: start)
+    monkeypatch.setattr(searching, 'other_conventions', lambda _: [])
     monkeypatch.setattr(searching, 'candidates', lambda *_: [push] * 50)
     monkeypatch.setattr(pruning, 'lowest', lambda fit, _: at(fit.chi_square - fallen))
     search = searching.Search(())
@@ -281,6 +282,7 @@ def test_few_samples_count_no_more_for_several_findings_than_for_one(
     outcome = Outcome(start, current, [first, second])
     outcome.found = {c.label: Found(c, current, 50.0, 1e-9, -40.0) for c in (first, second)}
     monkeypatch.setattr(searching, 'with_findings', lambda *_: start)
+    monkeypatch.setattr(searching, 'other_conventions', lambda _: [])
     monkeypatch.setattr(searching, 'candidates', lambda *_: [push] * 2)
     monkeypatch.setattr(pruning, 'lowest', lambda fit, _: fit)
     monkeypatch.setattr(Candidate, 'price', lambda *_: 1.0)
@@ -291,6 +293,47 @@ def test_few_samples_count_no_more_for_several_findings_than_for_one(
     monkeypatch.setattr(search, '_alone', lambda *_: [tried])
     search._simpler(current, outcome)
     assert outcome.accepted == [push]
+
+
+@pytest.mark.parametrize(('otherwise', 'left'), [(None, 95.0), (70.0, 70.0)])
+def test_one_of_two_findings_takes_the_place_of_both_from_another_minimum(
+    monkeypatch: pytest.MonkeyPatch, otherwise: float | None, left: float
+) -> None:
+    """Two leave 100, the second alone 95 elsewhere, ``otherwise`` with names taken otherwise."""
+    first, second = wrong_number(), dataclasses.replace(wrong_number(), label='another number')
+    layout = SimpleNamespace(size=1000)
+    taken = SimpleNamespace()
+
+    def at(level: float, model: object = None) -> SimpleNamespace:
+        residuals = np.full(1000, np.sqrt(level / 1000))
+        return SimpleNamespace(
+            chi_square=level, reduced=1.0, layout=layout, residuals=residuals, x=None, model=model
+        )
+
+    def refitted(model: object, *_: object, **__: object) -> SimpleNamespace:
+        return at(70.0 if model is taken else 95.0, model)
+
+    current, start = at(100.0), at(200.0)
+    outcome = Outcome(start, current, [first, second])
+    outcome.found = {c.label: Found(c, current, 50.0, 1e-9, -40.0) for c in (first, second)}
+    others = [] if otherwise is None else [taken]
+    monkeypatch.setattr(searching, 'with_findings', lambda *_: start)
+    monkeypatch.setattr(searching, 'candidates', lambda *_: [first, second])
+    monkeypatch.setattr(searching, 'other_conventions', lambda _: others)
+    monkeypatch.setattr(searching, '_mean', lambda *_: None)
+    monkeypatch.setattr(searching, 'fit', refitted)
+    search = searching.Search(())
+    monkeypatch.setattr(
+        search,
+        '_alone',
+        lambda _s, _c, tried, *_: [
+            Found(c, at(95.0), 105.0, 1e-9, c.price(105.0, at(95.0)) - 105.0)
+            for c in tried
+            if c is second
+        ],
+    )
+    assert search._simpler(current, outcome).chi_square == left
+    assert outcome.accepted == [second]
 
 
 @pytest.mark.parametrize(

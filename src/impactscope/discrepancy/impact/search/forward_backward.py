@@ -88,6 +88,7 @@ WINDOWS = (0.04, 0.1, 0.25, math.inf)
 _LOOKED = (0.25,)  # windows in which is looked for weak effects, beside the last
 _MOST = 3  # findings
 _SURE = 4.0  # standard deviations of what is left
+_ALONE = 5  # candidates that are fitted jointly in place of what was found
 _AHEAD = 3  # candidates that are fitted jointly where only the way is sought
 _BEAM = 2  # first steps that are followed when none explains the recordings
 _FIRST = 0.012  # s after the onset from which fits grow
@@ -105,7 +106,7 @@ _WORTH = 6.0  # of chi-square, that a number less is worth
 _AS_LONG = 0.98  # of the samples, that a baseline taken otherwise has to follow
 _MOVED = 1.0  # of chi-square, from which what is held out is predicted anew
 _PRUNED = 2  # rounds in which findings are asked for again
-_SIMPLER = 2  # candidates in place of several findings, that count from their lowest minima ...
+_SIMPLER = 3  # candidates in place of several findings, that count from their lowest minima ...
 _MISSED = 0.5  # ... where they lack no more than that share of what these explain
 _SOUND = 10.0  # times the chance from which what is left is no noise
 
@@ -397,22 +398,22 @@ class Search:
         if len(outcome.accepted) == 1 and not self._seen_in_part(start, current, outcome):
             return current
         listed = candidates(start, self.baseline_names)
-        names = {c.name for c in outcome.accepted}
-        others = [c for c in listed if c.name not in names]
+        alone, several = outcome.accepted[0].name, len(outcome.accepted) > 1
+        # one of several may have another minimum, in which it needs none of the others
+        tried = [c for c in listed if several or c.name != alone]
         price = sum(c.price(outcome.found[c.label].gain, current) for c in outcome.accepted)
         gain = evidence_for(current, start)
         # each further finding was chosen among all candidates, which one alone was but once
         chosen = 2.0 * math.log(len(listed)) * (len(outcome.accepted) - 1)
         reached = price - gain + chosen
-        found = self._alone(start, current, others, len(listed), chosen + price)
+        found = self._alone(start, current, tried, len(listed), chosen + price)
         if all(item.criterion > reached for item in found):
             # later contacts fold the ground: what is not far behind may have stopped too early
             most = current.chi_square + _MISSED * (start.chi_square - current.chi_square)
             found[:_SIMPLER] = [at_bottom(item, most) for item in found[:_SIMPLER]]
-            several = len(outcome.accepted) > 1
             if start.reduced < LOST and several and all(f.criterion > reached for f in found):
                 found += self._from_first_contacts(
-                    start, current, others, len(listed), chosen + price
+                    start, current, tried, len(listed), chosen + price
                 )
             found.sort(key=lambda f: f.criterion)
         for item in found:
@@ -424,7 +425,7 @@ class Search:
             outcome.rivals[item.candidate.label] = [f for f in found if f is not item]
             outcome.p_value = min(outcome.p_value, item.p_value)
             outcome.last = []
-            return item.fit
+            return _likelier(item.fit, outcome)
         return current
 
     @staticmethod
@@ -445,7 +446,7 @@ class Search:
         Where that fit is lost its numbers are bent, and trials beside them say little.
         """
         if start.reduced < LOST:
-            return self.fits.judge(start, self.fits.order(start, listed), looks, _AHEAD)
+            return self.fits.judge(start, self.fits.order(start, listed), looks, _ALONE)
         found = self._from_first_contacts(start, current, listed, looks, dearer)
         return sorted(found, key=lambda f: f.criterion)
 
@@ -460,7 +461,7 @@ class Search:
         first = self.windows[0]
         near, as_good = _near(start, first), _near(current, first).chi_square + dearer
         found = []
-        for item in self.fits.judge(near, self.fits.order(near, listed), looks, _AHEAD):
+        for item in self.fits.judge(near, self.fits.order(near, listed), looks, _ALONE):
             if item.fit.reduced < QUIET and item.fit.chi_square < as_good:
                 whole, _ = _grown(item.fit, first, start.layout.window)
                 if whole.layout.size == start.layout.size:
