@@ -476,6 +476,13 @@ def test_an_encoder_that_wanders_slowly_is_nothing_that_is_missing(seed, seconds
     assert not answer.unexplained
 
 
+def test_noise_too_faintly_slow_to_be_told_is_no_force_that_repeats():
+    """What it adds up to looks like a law among many, and is likelier noise."""
+    answer = explain_driven(closed_loop(4, wander=2e-7, keep=0.999))
+    assert answer.accepted == ()
+    assert not answer.unexplained
+
+
 def test_what_begins_at_rest():
     time = np.arange(40) / RATE
     noise = 1e-6 * np.random.default_rng(4).standard_normal(40)

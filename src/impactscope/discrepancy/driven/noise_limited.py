@@ -93,6 +93,7 @@ NOISE_OF_THE_FORCE = (
     'The recorded force has noise of its own, which the motion adds up: samples count by what '
     'they tell beyond those before.'
 )
+FAINTLY = 6.0  # twice the logarithm of the likelihood by which noise may be slow
 COLOURS = 2  # searches with noise of a colour
 MOSTLY_SLOW = 2.0  # times its changes from sample to sample: what is left is mostly slow
 PROSPECTS, STEPS = 4, 2  # effects that are fitted, each beside the best one before
@@ -414,6 +415,8 @@ def _exact(
         if _terms_of(now) == _terms_of(found):
             break
         found = now
+    if best[0] is case:
+        best = _or_faintly_slow(campaign, best, tell, share)
     white, (case, outcome, said) = case, best
     known = tuple(notes) if case is white else (*notes, SLOW_NOISE)
     said = more_than_noise(case, outcome, said)
@@ -427,6 +430,25 @@ def _exact(
     sure = reduced(case.judge, outcome.best) < NOISE
     misfit = _misfit(*best) + white_logarithm(case)
     return _Explained(describe(subject), outcome, sure, misfit)
+
+
+def _or_faintly_slow(
+    campaign: Campaign, found: tuple[Case, Outcome, Verdict], tell: Progress, share: float
+) -> tuple[Case, Outcome, Verdict]:
+    """A law alone beside white noise, or slow noise too faint to be told but for that law.
+
+    What it would explain may be a wander of the few slowest numbers that the recordings have.
+    """
+    case, outcome, said = found
+    if outcome.best is not outcome.baseline or not said.left:
+        return found
+    slow = knowing_slow_noise(case, outcome.best, FAINTLY)
+    if slow is None or whitened_logarithm(slow) >= _misfit(*found):
+        return found
+    now = _searched(campaign, slow, tell, share)
+    nothing = not now[2].left and now[1].best is now[1].baseline
+    chosen = 2.0 * math.log(said.strongest.looks) if nothing else 0.0  # of many laws the best one
+    return now if _misfit(*now) < _misfit(*found) + chosen else found
 
 
 def _in_its_noise(case: Case, seed: Fit | None) -> Fit | None:

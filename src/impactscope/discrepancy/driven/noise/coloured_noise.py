@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from impactscope.discrepancy.driven.compiled import compiled
 
-__all__ = ['Colour', 'Forgetting', 'fitted_colour', 'forgetting', 'kept', 'spectrum']
+__all__ = ['COLOURED', 'Colour', 'Forgetting', 'fitted_colour', 'forgetting', 'kept', 'spectrum']
 
 Array = NDArray[np.float64]
 
@@ -72,6 +72,7 @@ def fitted_colour(
     lines: Array,
     slowest: float = 0.0,
     seen_as: Callable[[float], Array] | None = None,
+    needed: float = COLOURED,
 ) -> Colour | None:
     """The colour of noise; None where it is white.
 
@@ -81,6 +82,7 @@ def fitted_colour(
         lines: of the spectrum that tell each of them; a real one is half a line.
         slowest: corner below which no noise falls.
         seen_as: levels that a part of unit variance has there, by its corner; its spectrum.
+        needed: twice the logarithm of the likelihood by which noise is not white.
     """
     white = float(np.average(left, weights=lines))
     if not white > 0.0:
@@ -97,7 +99,7 @@ def fitted_colour(
         sizes *= (shapes @ (lines * left / model**2)) / (shapes @ (lines / model))
     model = sizes @ shapes
     gain = 2.0 * float(np.sum(lines * (np.log(white / model) + left / white - left / model)))
-    if gain <= COLOURED:
+    if gain <= needed:
         return None
     if slowest == 0.0 and seen_as is None:
         sizes[1:] = _onward(sizes[1:], corners, place[place > 0.0], model[place > 0.0])

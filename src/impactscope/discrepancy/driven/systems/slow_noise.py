@@ -26,6 +26,7 @@ from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit
 from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.noise.coloured_noise import (
+    COLOURED,
     Colour,
     fitted_colour,
     forgetting,
@@ -87,15 +88,16 @@ def without_slow_effects(case: Case, made: Fit) -> Fit:
     return fit(case.model, rest, case.segments, made.values, case.baseline.starts)
 
 
-def knowing_slow_noise(case: Case, made: Fit) -> Case | None:
+def knowing_slow_noise(case: Case, made: Fit, needed: float = COLOURED) -> Case | None:
     """The case with the noise whitened that a fit leaves; None where it is white already.
 
     Args:
         case: as it was searched.
         made: a fit in it.
+        needed: twice the logarithm of the likelihood by which it is not white.
     """
     case = _evenly(case)
-    colour = _colour_left(case, made)
+    colour = _colour_left(case, made, needed)
     if colour is None:
         return None
     left = _left(case, made)
@@ -222,26 +224,28 @@ def _without(case: Case, change: Callable[[PrescribedMotionNoise], PrescribedMot
     )
 
 
-def _colour_left(case: Case, made: Fit) -> Colour | None:
+def _colour_left(case: Case, made: Fit, needed: float) -> Colour | None:
     """The colour of what a fit leaves; None where it is white."""
     moved = isinstance(case.segments[0].whitener, PrescribedMotionNoise)
     if not moved:
-        return colour_of_recordings(_left(case, made))
+        return colour_of_recordings(_left(case, made), needed)
     # by which share the motion's noise is there is known once the force's is
     whole = _without(case, lambda w: dataclasses.replace(w, motion=0.0))
-    colour = colour_of_recordings(_left(whole, made))
+    colour = colour_of_recordings(_left(whole, made), needed)
     if colour is None:
-        return colour_of_recordings(_left(case, made))
+        return colour_of_recordings(_left(case, made), needed)
     known = colour
     beside = _without(case, lambda w: dataclasses.replace(w, colour=known))
-    return colour_of_recordings(_left(beside, made)) or colour
+    return colour_of_recordings(_left(beside, made), needed) or colour
 
 
-def colour_of_recordings(left: Sequence[Array]) -> Colour | None:
+def colour_of_recordings(left: Sequence[Array], needed: float = COLOURED) -> Colour | None:
     """The colour of noise, of which each recording is one stretch, shapes (n,); None: white."""
     place, level, count = _parts_of(left)
     longest = max(r.size for r in left)
-    found = fitted_colour(place, level, count, seen_as=partial(_seen, place, longest))
+    found = fitted_colour(
+        place, level, count, seen_as=partial(_seen, place, longest), needed=needed
+    )
     if found is None:
         return None
     # of what is slower than a recording few numbers tell: it may be as much as that, if it is as
