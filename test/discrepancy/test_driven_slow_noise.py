@@ -25,15 +25,20 @@ def slow_noise(rng, size):
     return total
 
 
-def campaign(seed, after=lambda y: y):
-    """A chain with white noise at both ends and slow noise at its output."""
+def campaign(seed, after=lambda y: y, lowest=3.0, held_out=0.0):
+    """A chain with white noise at both ends and slow noise at its output.
+
+    ``lowest``: of its tones, Hz; ``held_out``: of a slow tone in the one that is held out.
+    """
     rng = np.random.default_rng(seed)
     entries, channels = [], {}
     time = np.arange(SAMPLES) / RATE
     for i in range(5):
         phases = rng.uniform(0.0, 2.0 * np.pi, 12)
-        tones = 3.0 * 1.37 ** np.arange(12)
+        tones = lowest * 1.37 ** np.arange(12)
         true = 4.0 * np.sum(np.sin(2.0 * np.pi * np.outer(tones, time) + phases[:, None]), axis=0)
+        if i == 4:
+            true = true + held_out * (1.0 - np.cos(2.0 * np.pi * 0.6 * time))
         raw = true + 0.05 * rng.standard_normal(SAMPLES)
         noise = 0.2 * rng.standard_normal(SAMPLES) + 0.06 * slow_noise(rng, SAMPLES)
         file = f'r{i}.mcap'
@@ -60,6 +65,13 @@ def test_slow_noise_is_nothing_that_is_missing(seed):
 def test_an_effect_is_found_beside_slow_noise():
     answer = explain_driven(campaign(4, lambda y: np.clip(y, -14.0, 14.0)))
     assert answer.accepted == ('saturation',)
+
+
+def test_a_slow_motion_that_is_held_out_shows_a_coupling():
+    """The others hardly do, and slow noise hides that more is left of this one."""
+    low = signal.butter(1, 0.06 / (0.5 * RATE), 'high')
+    tested = campaign(2, lambda y: signal.lfilter(*low, y), lowest=15.0, held_out=4.0)
+    assert explain_driven(tested).accepted == ('ac_coupling',)
 
 
 def walk(rng, size):
