@@ -206,7 +206,7 @@ def test_a_motion_is_not_like_noise():
 def test_an_effect_that_was_read_as_noise_is_asked_in_white_noise(monkeypatch):
     """It may bend a spectrum as slow noise does, which then hides it."""
     seen = iter([Colour(1.0, ((400.0, 3e-4),))])
-    monkeypatch.setattr(slow_noise_module, 'colour_of_recordings', lambda left: next(seen, None))
+    monkeypatch.setattr(slow_noise_module, 'colour_of_recordings', lambda *_: next(seen, None))
     monkeypatch.setattr(slow_noise_module, 'like_noise', lambda white: True)
 
     def coupled(y):
