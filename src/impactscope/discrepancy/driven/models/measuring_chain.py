@@ -20,6 +20,7 @@ from impactscope.discrepancy.driven.models.terms import Term
 from impactscope.physics.mechanisms.ac_coupling import high_pass
 
 __all__ = [
+    'HIGHEST_ORDER',
     'before_sampling',
     'begins_in_motion',
     'between_samples',
@@ -42,6 +43,7 @@ LOADED = 0.3  # of the recording's spread: a mean that is a load
 OUTER = 0.25  # of the first samples, to either side of the others
 FORGOTTEN = 40.0  # time constants
 NEARLY = 0.98  # of a limit: from here on a sample may be cut off
+HIGHEST_ORDER = 4  # of low-passes, where only what moves tells their shape
 ABOVE = 20.0  # sampling rates: cut-offs beyond delay nothing
 FINE = 8  # between samples, before a spline retimes a broad signal
 

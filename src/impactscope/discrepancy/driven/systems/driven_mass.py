@@ -26,6 +26,7 @@ from impactscope.discrepancy.driven.models.backlash import COUPLED, backlash_ter
 from impactscope.discrepancy.driven.models.candidate_effects import FRICTION, candidate_effects
 from impactscope.discrepancy.driven.models.driven_mass_model import DrivenMassModel, name_of
 from impactscope.discrepancy.driven.models.measuring_chain import (
+    HIGHEST_ORDER,
     filter_of,
     power_passed,
     power_retimed,
@@ -49,7 +50,6 @@ ASIDE = 1e-3  # of position and speed, by which a beginning is moved
 FAR = 1e4  # reduced chi-square that tells nothing of how recordings begin
 BETTER = 25.0  # chi-square by which another course between samples is believed
 ALIKE = 6.0  # chi-square within which it stands before an effect of the chain
-HIGHEST_ORDER = 4  # of low-passes of an axis
 MOSTLY = 0.1  # of chi-square is left where beginnings in motion are all that is missing
 # of the chi-square that a law takes from the force's noise, by chance, for the output's may look
 # like it: two standard deviations of what that makes of one unit

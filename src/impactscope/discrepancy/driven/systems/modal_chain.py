@@ -20,6 +20,7 @@ from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.model_selection.model_comparison import Judge
 from impactscope.discrepancy.driven.models.channel_effects import channel_terms
 from impactscope.discrepancy.driven.models.measuring_chain import (
+    HIGHEST_ORDER,
     before_sampling,
     delayed,
     filter_of,
@@ -35,7 +36,6 @@ __all__ = ['chain_of_modes']
 
 Array = NDArray[np.float64]
 
-HIGHEST_ORDER = 4  # of low-passes
 FOLLOWED = 5  # candidates that are fitted, and a clock in any case
 STARTS = 12  # cut-offs to start from
 DELAYS = (0.2, 1.0, 3.0)  # samples, of a clock, to start from
