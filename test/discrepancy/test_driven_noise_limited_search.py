@@ -9,8 +9,9 @@ from scipy import signal
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
-from impactscope.discrepancy.driven import explain_driven
+from impactscope.discrepancy.driven import explain_driven, noise_limited
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import UnmodelledLaw, equivalent_gain
+from impactscope.discrepancy.driven.search.beam_search import Outcome
 from impactscope.discrepancy.driven.search.other_minima import foretelling
 
 RATE, SAMPLES, NOISE = 4000.0, 2000, 0.1
@@ -222,3 +223,30 @@ def test_of_minima_as_deep_held_out_recordings_tell_which_it_is(deeper, told, ke
         gain=lambda _small, large: SimpleNamespace(held_out=told if large is made else 0.0),
     )
     assert [f.label for f in foretelling(judge, [made, other])] == kept
+
+
+@pytest.mark.parametrize(
+    ('rival', 'numbers', 'chosen'),
+    [
+        (-517.0, 5, 'base'),  # behind what was chosen, ahead of where that ends
+        (-512.0, 5, 'play'),  # behind that end as well
+        (-523.0, 5, 'play'),  # ahead of what was chosen, which another rule has preferred
+        (-517.0, 7, 'play'),  # richer
+    ],
+)
+def test_a_rival_is_asked_again_where_a_deeper_minimum_is_foretold_worse(
+    monkeypatch, rival, numbers, chosen
+):
+    def made(name, criterion, added=6):
+        return SimpleNamespace(name=name, level=criterion, added=added, terms=(name,))
+
+    before, lower = made('play', -521.0), made('play', -515.0)
+    other, nothing = made('base', rival, numbers), SimpleNamespace(level=0.0, terms=())
+    judge = SimpleNamespace(criterion=lambda f, _: f.level, better=lambda *_: True)
+    monkeypatch.setattr(
+        noise_limited, '_lowest', lambda _case, fit, _: lower if fit is before else fit
+    )
+    outcome = Outcome(nothing, before, (other,), True)
+    found = noise_limited._with_other_minima(SimpleNamespace(judge=judge), outcome)
+    assert found.best.name == chosen
+    assert {f.name for f in (found.best, *found.rivals)} == {'play', 'base'}

@@ -498,10 +498,31 @@ def _searched(
 
 
 def _with_other_minima(case: Case, outcome: Outcome) -> Outcome:
-    given = labels_of(outcome.baseline.terms)
-    new = [t for t in outcome.best.terms if t.label not in given]
-    best = knowing_other_minima(case.model, case.judge, outcome.best, new) if new else outcome.best
+    """What was found in its lowest minimum; or a rival, if it is behind that one there.
+
+    A minimum that is a little deeper in the fitted recordings may miss those held out by more.
+    """
+    best = _lowest(case, outcome.best, outcome.baseline)
+
+    def behind(made: Fit) -> float:
+        return case.judge.criterion(made, outcome.baseline)
+
+    chosen, now = behind(outcome.best), behind(best)
+    ahead = [f for f in outcome.rivals if f.added <= best.added and chosen <= behind(f) < now]
+    if ahead:
+        rival = min(ahead, key=behind)
+        other = _lowest(case, rival, outcome.baseline)
+        if behind(other) < now and case.judge.better(outcome.baseline, other):
+            rest = [f for f in outcome.rivals if f is not rival]
+            return dataclasses.replace(outcome, best=other, rivals=(best, *rest))
     return dataclasses.replace(outcome, best=best)
+
+
+def _lowest(case: Case, made: Fit, baseline: Fit) -> Fit:
+    """A fit from the lowest minimum of what it has beyond the baseline."""
+    given = labels_of(baseline.terms)
+    new = [t for t in made.terms if t.label not in given]
+    return knowing_other_minima(case.model, case.judge, made, new) if new else made
 
 
 def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
