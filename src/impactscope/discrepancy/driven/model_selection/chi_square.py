@@ -245,11 +245,9 @@ def _looks(small: Fit, large: Fit) -> float:
     return math.prod(t.looks for t in large.terms if t.label not in had)
 
 
-def reduced(judge: NoiseJudge, made: Fit, *, held_out: bool = False) -> float:
-    """Chi-square of a fit over its samples, on the fitted or on the held-out recordings."""
-    pairs = zip(judge.segments, judge.chi_squares(made), strict=True)
-    rows = [(c, s.measured.size) for s, c in pairs if s.held_out is held_out]
-    return math.fsum(c for c, _ in rows) / max(sum(n for _, n in rows), 1)
+def reduced(judge: NoiseJudge, made: Fit) -> float:
+    """Chi-square of a fit over its samples, on the fitted recordings."""
+    return fitted_chi_square(judge, made) / max(fitted_samples(judge), 1)
 
 
 def fitted_chi_square(judge: NoiseJudge, made: Fit) -> float:

@@ -173,8 +173,8 @@ def _grow(fits: Fits, base: Fit, judge: NoiseJudge, most: int) -> list[Fit]:
         return dataclasses.replace(p, initial=begin, other=None)
 
     made = fits.make_each(base, chosen, improved)
-    # slow or far motions may be in those held out alone, where slow noise hides that more is left
-    made += fits.make_each(base, fits.shown_by_all(base)[:OF_ALL])
+    if judge.has_held_out:  # which alone may have slow or far motions, and not look missed
+        made += fits.make_each(base, fits.shown_by_all(base)[:OF_ALL])
     best = max(ranked, key=lambda p: p.gain, default=None)
     forms: set[tuple[bool, bool]] = set()
     for p in ranked:
