@@ -504,15 +504,16 @@ def _with_other_minima(case: Case, outcome: Outcome) -> Outcome:
     """
     best = _lowest(case, outcome.best, outcome.baseline)
 
-    def behind(made: Fit) -> float:
+    def criterion(made: Fit) -> float:
         return case.judge.criterion(made, outcome.baseline)
 
-    chosen, now = behind(outcome.best), behind(best)
-    ahead = [f for f in outcome.rivals if f.added <= best.added and chosen <= behind(f) < now]
+    chosen, now = criterion(outcome.best), criterion(best)
+    # one that was ahead already had given way to another rule
+    ahead = [f for f in outcome.rivals if f.added <= best.added and chosen <= criterion(f) < now]
     if ahead:
-        rival = min(ahead, key=behind)
+        rival = min(ahead, key=criterion)
         other = _lowest(case, rival, outcome.baseline)
-        if behind(other) < now and case.judge.better(outcome.baseline, other):
+        if criterion(other) < now and case.judge.better(outcome.baseline, other):
             rest = [f for f in outcome.rivals if f is not rival]
             return dataclasses.replace(outcome, best=other, rivals=(best, *rest))
     return dataclasses.replace(outcome, best=best)

@@ -398,9 +398,9 @@ class Search:
         if len(outcome.accepted) == 1 and not self._seen_in_part(start, current, outcome):
             return current
         listed = candidates(start, self.baseline_names)
-        alone, several = outcome.accepted[0].name, len(outcome.accepted) > 1
+        several = len(outcome.accepted) > 1
         # one of several may have another minimum, in which it needs none of the others
-        tried = [c for c in listed if several or c.name != alone]
+        tried = [c for c in listed if several or c.name != outcome.accepted[0].name]
         price = sum(c.price(outcome.found[c.label].gain, current) for c in outcome.accepted)
         gain = evidence_for(current, start)
         # each further finding was chosen among all candidates, which one alone was but once
