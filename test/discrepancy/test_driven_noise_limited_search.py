@@ -246,7 +246,8 @@ def test_a_rival_is_asked_again_where_a_deeper_minimum_is_foretold_worse(
     monkeypatch.setattr(
         noise_limited, '_lowest', lambda _case, fit, _: lower if fit is before else fit
     )
+    monkeypatch.setattr(noise_limited, '_held_against_laws', lambda _case, o: o.best.name)
     outcome = Outcome(nothing, before, (other,), True)
-    found = noise_limited._with_other_minima(SimpleNamespace(judge=judge), outcome)
-    assert found.best.name == chosen
+    found, said = noise_limited._with_other_minima(SimpleNamespace(judge=judge), outcome, 'play')
+    assert found.best.name == said == chosen  # a verdict is of what is told
     assert {f.name for f in (found.best, *found.rivals)} == {'play', 'base'}

@@ -419,8 +419,8 @@ def _exact(
         best = _or_faintly_slow(campaign, best, tell, share)
     white, (case, outcome, said) = case, best
     known = tuple(notes) if case is white else (*notes, SLOW_NOISE)
+    outcome, said = _with_other_minima(case, outcome, said)
     said = more_than_noise(case, outcome, said)
-    outcome = _with_other_minima(case, outcome)
     if case is not white and outcome.best is outcome.baseline and not said.left:
         known += _taken_for_slow_noise(case, outcome.best)
     tell(0.95 * share, 'describing')
@@ -489,18 +489,20 @@ def _searched(
         seed,
     )
     tell(0.9 * share, 'looking for what the library lacks')
-    judge, best = case.judge, outcome.best
+    return case, *effect_and_law(case, outcome, _held_against_laws(case, outcome))
+
+
+def _held_against_laws(case: Case, outcome: Outcome) -> Verdict:
+    judge, baseline, best = case.judge, outcome.baseline, outcome.best
     gain = judge.worth(baseline, best).fitted, judge.gain(baseline, best).fitted
-    said = verdict(
-        case.laws, case.model, baseline, outcome.best, gain, case.segments, case.settled
-    )
-    return case, *effect_and_law(case, outcome, said)
+    return verdict(case.laws, case.model, baseline, best, gain, case.segments, case.settled)
 
 
-def _with_other_minima(case: Case, outcome: Outcome) -> Outcome:
+def _with_other_minima(case: Case, outcome: Outcome, said: Verdict) -> tuple[Outcome, Verdict]:
     """What was found in its lowest minimum; or a rival, if it is behind that one there.
 
     A minimum that is a little deeper in the fitted recordings may miss those held out by more.
+    What takes the place of what was found is held against laws beyond the vocabulary itself.
     """
     best = _lowest(case, outcome.best, outcome.baseline)
 
@@ -515,8 +517,9 @@ def _with_other_minima(case: Case, outcome: Outcome) -> Outcome:
         other = _lowest(case, rival, outcome.baseline)
         if criterion(other) < now and case.judge.better(outcome.baseline, other):
             rest = [f for f in outcome.rivals if f is not rival]
-            return dataclasses.replace(outcome, best=other, rivals=(best, *rest))
-    return dataclasses.replace(outcome, best=best)
+            changed = dataclasses.replace(outcome, best=other, rivals=(best, *rest))
+            return changed, _held_against_laws(case, changed)
+    return dataclasses.replace(outcome, best=best), said
 
 
 def _lowest(case: Case, made: Fit, baseline: Fit) -> Fit:
