@@ -120,13 +120,16 @@ class Screening:
         return [t for _, t in tried[:_STARTS]]
 
     def peaks(self, candidate: Candidate, starts: Sequence[Mapping[str, float]]) -> list[Trial]:
-        """The trials that gain more than those next to them in a row of starts, best first."""
+        """The trials that gain more than those next to them in a row of starts, best first.
+
+        What would need a strength of the other sign gains nothing.
+        """
         tried = in_parallel(lambda start: self._tried(candidate, start), starts)
         gains = [-math.inf, *(-math.inf if t is None else t.gain for t in tried), -math.inf]
         tops = [
             trial
             for i, trial in enumerate(tried)
-            if trial is not None and gains[i] < gains[i + 1] >= gains[i + 2]
+            if trial is not None and gains[i] < gains[i + 1] >= gains[i + 2] and trial.gain > 0.0
         ]
         return sorted(tops, key=lambda t: t.gain, reverse=True)
 
@@ -136,13 +139,11 @@ class Screening:
 
     def _left(self, model: ImpactModel, x: Array) -> Array:
         """What the fitted numbers cannot re-tune of the residuals of an extended model."""
-        return self._left_and_plain(model, x)[0]
+        return self._out(self._residuals(model, x))
 
-    def _left_and_plain(self, model: ImpactModel, x: Array) -> tuple[Array, float]:
-        """The same, and the fall of chi-square without any re-tuning."""
-        aligned = self._aligned(model, model.residuals(x, self.current.layout))
-        before = float(self.current.residuals @ self.current.residuals)
-        return self._out(aligned), before - float(aligned @ aligned)
+    def _residuals(self, model: ImpactModel, x: Array) -> Array:
+        """Residuals of an extended model in the order of the current one's."""
+        return self._aligned(model, model.residuals(x, self.current.layout))
 
     def _tried(self, candidate: Candidate, start: Mapping[str, float]) -> Trial | None:
         model = candidate.extend(self.current.model)
@@ -155,16 +156,18 @@ class Screening:
         try:
             # what vanishes far away is not in proportion to its number
             if known is None or math.inf in candidate.amplitudes.values():
-                left, plain = self._left_and_plain(model, x)
+                whole = self._residuals(model, x)
+                plain = float(self.current.residuals @ self.current.residuals - whole @ whole)
             if known is not None:
-                left = self._left(model, self.vector(model, known))
-                felt = float(np.linalg.norm(left - self.residual)) / _FELT
+                changed = self._residuals(model, self.vector(model, known))
+                felt = float(np.linalg.norm(self._out(changed) - self.residual)) / _FELT
                 if _FAINT < felt < 1.0 / _FAINT:
-                    start = known
-                else:
-                    left = self._left(model, x)
+                    start, whole = known, changed
+                elif not math.isfinite(plain):
+                    whole = self._residuals(model, x)
         except ImpactscopeError:
             return None
+        left = self._out(whole)
         gain = self.power - float(left @ left)
         if not candidate.amplitudes:
             return Trial(candidate, gain, model, x)
@@ -173,18 +176,21 @@ class Screening:
             if effect < _FELT:
                 break
             weaker = stronger(candidate, start, 0.5 * _FELT / effect)
+            there = self.vector(model, weaker)
+            if np.array_equal(there, self.vector(model, start)):
+                break  # as weak as it is credible
             try:
-                changed = self._left(model, self.vector(model, weaker))
+                whole = self._residuals(model, there)
             except ImpactscopeError:
                 break
-            start, left = weaker, changed
+            start, left = weaker, self._out(whole)
             gain = max(gain, self.power - float(left @ left))
             effect = float(np.linalg.norm(left - self.residual))
         if self.remembered is not None:
             self.remembered.weak[place] = dict(start)
         one_sided = self._one_sided(candidate, start)
         near = self.current.reduced < _NEAR
-        exact = self._slope(candidate, model, start, left, one_sided) if near else None
+        exact = self._slope(candidate, model, start, whole, one_sided) if near else None
         if exact is not None:
             left = self.residual + exact
             gain = 0.0  # of the trial itself: mostly what it bends, and fits straighten that
@@ -211,26 +217,27 @@ class Screening:
         candidate: Candidate,
         model: ImpactModel,
         start: Mapping[str, float],
-        left: Array,
+        whole: Array,
         one_sided: bool,
     ) -> Array | None:
         """What cannot be re-tuned of an effect, in proportion to much weaker ones; at ``start``.
 
         Where nearly all of an effect is re-tuned, what seems left of a trial is how the rest bends
         under it, and the contacts that go to the other side. None where enough is left.
+
+        ``whole``: residuals at ``start``, shape (n_residuals,).
         """
-        size = self.current.layout.size
+        size, now = self.current.layout.size, self.current.residuals
+        felt = float(np.linalg.norm(whole[:size] - now[:size]))
+        left = float(np.linalg.norm(self._out(whole) - self.residual))
+        if left > _RE_TUNED * felt or felt == 0.0:
+            return None
+        rows, lengths = [], []
         try:
-            residuals = model.residuals(self.vector(model, start), self.current.layout)
-            felt = float(np.linalg.norm(residuals[:size] - self.current.residuals[:size]))
-            if float(np.linalg.norm(left - self.residual)) > _RE_TUNED * felt or felt == 0.0:
-                return None
-            rows, lengths = [], []
             for share in _SLIGHT:
                 for way in (share / felt,) if one_sided else (share / felt, -share / felt):
                     x = self.vector(model, stronger(candidate, start, way))
-                    changed = self._aligned(model, model.residuals(x, self.current.layout))
-                    rows.append((changed - self.current.residuals) / way)
+                    rows.append((self._residuals(model, x) - now) / way)
                     lengths.append(share)
         except ImpactscopeError:
             return None
