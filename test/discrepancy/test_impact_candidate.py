@@ -14,7 +14,7 @@ from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.models.baseline import baseline_model
-from impactscope.discrepancy.impact.models.bench_model import Free
+from impactscope.discrepancy.impact.models.bench_model import Free, ImpactModel
 from impactscope.discrepancy.impact.search.screening import Screening
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 from impactscope.physics.twin.assembly import Effect
@@ -123,6 +123,25 @@ def test_a_filter_before_sampling_is_tried_as_weak_as_it_may_be(make_campaign):
     best, _ = Screening(baseline).best(far)
     assert best.weak[far.free[0].key] > 2.0 * max(s[far.free[0].key] for s in far.starts)
     assert -5.0 < best.gain < 5.0
+
+
+def test_no_place_is_simulated_twice_for_one_trial(make_campaign, monkeypatch):
+    """A base of 10 t cannot be made heavier: near the plate's own 33 Hz it stays a strong one."""
+    campaign = make_campaign(5, duration=0.3)
+    baseline = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    (base,) = [c for c in candidates(baseline, ()) if c.label == 'base_compliance']
+    screening, simulated = Screening(baseline), []
+    plain = ImpactModel.residuals
+
+    def counted(model: ImpactModel, x, layout):
+        simulated.append(x.tobytes())
+        return plain(model, x, layout)
+
+    monkeypatch.setattr(ImpactModel, 'residuals', counted)
+    for frequency in (25.0, 33.0, 41.0, 200.0):
+        simulated.clear()
+        screening.peaks(base, [{**base.starts[0], 'base_compliance.frequency': frequency}])
+        assert len(simulated) == len(set(simulated)) > 1
 
 
 def test_a_weight_that_goes_with_the_geometry_has_to_explain_more(make_campaign):

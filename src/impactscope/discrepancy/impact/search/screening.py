@@ -223,7 +223,8 @@ class Screening:
         """What cannot be re-tuned of an effect, in proportion to much weaker ones; at ``start``.
 
         Where nearly all of an effect is re-tuned, what seems left of a trial is how the rest bends
-        under it, and the contacts that go to the other side. None where enough is left.
+        under it, and the contacts that go to the other side. None where enough is left, or where
+        a weaker one is not credible.
 
         ``whole``: residuals at ``start``, shape (n_residuals,).
         """
@@ -232,11 +233,14 @@ class Screening:
         left = float(np.linalg.norm(self._out(whole) - self.residual))
         if left > _RE_TUNED * felt or felt == 0.0:
             return None
+        begun = self.vector(model, start)
         rows, lengths = [], []
         try:
             for share in _SLIGHT:
                 for way in (share / felt,) if one_sided else (share / felt, -share / felt):
                     x = self.vector(model, stronger(candidate, start, way))
+                    if np.array_equal(x, begun):
+                        return None
                     rows.append((self._residuals(model, x) - now) / way)
                     lengths.append(share)
         except ImpactscopeError:
