@@ -493,6 +493,7 @@ def _searched(
 
 
 def _held_against_laws(case: Case, outcome: Outcome) -> Verdict:
+    """The verdict over what a search has chosen, beside laws beyond the vocabulary."""
     judge, baseline, best = case.judge, outcome.baseline, outcome.best
     gain = judge.worth(baseline, best).fitted, judge.gain(baseline, best).fitted
     return verdict(case.laws, case.model, baseline, best, gain, case.segments, case.settled)

@@ -142,7 +142,7 @@ class Screening:
         return self._out(self._residuals(model, x))
 
     def _residuals(self, model: ImpactModel, x: Array) -> Array:
-        """Residuals of an extended model in the order of the current one's."""
+        """An extended model simulated: residuals as :meth:`_aligned` orders them."""
         return self._aligned(model, model.residuals(x, self.current.layout))
 
     def _tried(self, candidate: Candidate, start: Mapping[str, float]) -> Trial | None:
@@ -153,6 +153,7 @@ class Screening:
         place = candidate.label, tuple(sorted(start.items()))
         known = None if self.remembered is None else self.remembered.weak.get(place)
         plain, begun = -math.inf, x  # fall of chi-square without any re-tuning, and where
+        whole: Array | None = None  # residuals, with everything that can be re-tuned
         try:
             # what vanishes far away is not in proportion to its number
             if known is None or math.inf in candidate.amplitudes.values():
@@ -163,8 +164,8 @@ class Screening:
                 felt = float(np.linalg.norm(self._out(changed) - self.residual)) / _FELT
                 if _FAINT < felt < 1.0 / _FAINT:
                     start, whole = known, changed
-                elif not math.isfinite(plain):
-                    whole = self._residuals(model, x)
+            if whole is None:
+                whole = self._residuals(model, x)
         except ImpactscopeError:
             return None
         left = self._out(whole)
