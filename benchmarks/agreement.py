@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impactscope.errors import ConfigurationError
 from impactscope.physics.twin import layout as at
-from impactscope.physics.twin.assembly import Effect, assemble, corners, normalise, start
+from impactscope.physics.twin.assembly import Effect, assemble, normalise
 from impactscope.physics.twin.bench import (
     Bench,
     Blow,
@@ -35,6 +35,7 @@ from impactscope.physics.twin.simulate import (
     SimulationError,
     sufficient_tolerance,
 )
+from impactscope.physics.twin.start import corners, start
 from impactscope.proof.bench import BENCH
 from impactscope.proof.known_cases import KNOWN_CASES, NOISE, Agreement, KnownCase, simulate
 

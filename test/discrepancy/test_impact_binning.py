@@ -6,9 +6,16 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from impactscope.discrepancy.campaign import ChannelSamples
-from impactscope.discrepancy.impact.data.binning import BinnedChannel, _clipping, binned
+from impactscope.discrepancy.impact.data.binning import (
+    BinnedChannel,
+    _clipping,
+    binned,
+    merged,
+)
 from impactscope.discrepancy.impact.data.blows import _hangs
 
 RATE, STEP = 10_000.0, 0.33
@@ -116,3 +123,14 @@ def test_an_impactor_that_swings_does_not_hang(moves, hangs):
     values += moves * np.sin(2.0 * np.pi * time)
     channel = ChannelSamples('acceleration.impactor', 'm/s^2', RATE, 0.0, values)
     assert _hangs(channel, 0.55) is hangs
+
+
+@given(st.lists(st.lists(st.integers(0, 20).map(float)), min_size=1, max_size=4))
+def test_moments_of_all_channels_rise_and_each_finds_its_own(several):
+    moments = {str(i): np.array(sorted(one)) for i, one in enumerate(several)}
+    found, places = merged(moments)
+    every = np.concatenate(list(moments.values()))
+    np.testing.assert_array_equal(found, np.unique(every))
+    assert list(places) == list(moments)
+    for name, own in moments.items():
+        np.testing.assert_array_equal(found[places[name]], own)

@@ -29,6 +29,7 @@ from impactscope.physics.twin.bench import (
     Sensor,
 )
 from impactscope.physics.twin.simulate import SimulationError, simulate, solve
+from impactscope.physics.twin.start import corners
 
 FINE = 1e-10
 
@@ -421,6 +422,32 @@ def test_a_lean_run_gives_the_same_channels():
     times = np.arange(500) / 1000.0
     full, lean = solve(par, times)[0], solve(par, times, lean=True)[0]
     np.testing.assert_array_equal(full[:, : at.N_LEAN_COLUMNS], lean)
+
+
+def test_a_run_ends_at_the_last_of_the_times_that_count():
+    bench, blow = Bench(), PendulumBlow()
+    par = assemble(bench, blow, implied_effects(bench, blow))
+    times = np.arange(-50, 450) / 1000.0
+    full, events, _, steps = solve(par, times, lean=True)
+    for count, ends in ((0, 0.0), (30, 0.0), (300, times[299])):
+        part, seen, _, taken = solve(par, times, lean=True, count=count)
+        assert part.shape == full.shape
+        assert not part[count:].any()
+        np.testing.assert_allclose(part[:count], full[:count], rtol=1e-6, atol=1e-6)
+        assert seen.size == np.count_nonzero(events < ends)
+        assert taken < steps
+
+
+def test_corners_of_drives_rise_and_count_once():
+    par = at.blank()
+    assert corners(par).size == 0
+    par[at.PUSH_FORCE], par[at.PUSH_START], par[at.PUSH_RISE] = 10.0, 0.1, 0.02
+    par[at.PUSH_HOLD], par[at.PUSH_FALL] = 0.0, 0.03
+    par[at.LIFT_START], par[at.LIFT_RISE] = 0.125, 0.4
+    np.testing.assert_allclose(corners(par), [0.1, 0.12, 0.125, 0.15, 0.525])
+    measured = np.concatenate((par, [0.0, 1.0, 0.5, 0.0]))
+    measured[at.EXCITATION_RATE] = 10.0
+    np.testing.assert_allclose(corners(measured), [0.1, 0.12, 0.125, 0.15, 0.2, 0.3, 0.525])
 
 
 def test_the_bench_says_what_it_assumes():

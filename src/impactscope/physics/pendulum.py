@@ -7,7 +7,6 @@ impact and comes to rest on the plate; on the horizontal bench (Fig. 2b) the rod
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 import math
 from dataclasses import dataclass
@@ -43,11 +42,11 @@ class Pendulum:
     gravity: float = STANDARD_GRAVITY  # g
 
     def __post_init__(self) -> None:
-        for item in dataclasses.fields(self):
-            value = getattr(self, item.name)
-            if not math.isfinite(value) or value < 0:
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if not 0 <= value < math.inf:
                 raise ConfigurationError(
-                    f'pendulum: {item.name} is {value!r}; it must be finite and not negative'
+                    f'pendulum: {name} is {value!r}; it must be finite and not negative'
                 )
         if self.contact_distance == 0 or self.inertia == 0:
             raise ConfigurationError(

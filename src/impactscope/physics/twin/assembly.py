@@ -16,7 +16,7 @@ from impactscope.physics.pendulum import Orientation
 from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.bench import Bench, Blow, HammerTap, MeasuredForce, PendulumBlow
 
-__all__ = ['Effect', 'Effects', 'assemble', 'corners', 'implied_effects', 'normalise', 'start']
+__all__ = ['Effect', 'Effects', 'assemble', 'implied_effects', 'normalise']
 
 Array = NDArray[np.float64]
 
@@ -143,6 +143,7 @@ def assemble(bench: Bench, blow: Blow, effects: Iterable[Effect]) -> Array:
         by_speed = bench.contact.loss_by_speed
         par[at.CONTACT_LOSS] = by_speed / par[at.IMPACT_SPEED]
         par[at.LOSS_BY_SPEED] = by_speed if bench.contact.loss_of == 'contact' else 0.0
+    places = own_places()
     for effect in effects:
         kind = effect.mechanism
         if 'damper' in kind.needs and bench.damper is None:
@@ -151,8 +152,8 @@ def assemble(bench: Bench, blow: Blow, effects: Iterable[Effect]) -> Array:
             raise ConfigurationError(f'{effect.name} needs an impactor; there is none')
         if kind.enter is not None:
             kind.enter(par, effect.values)
-        if kind.name in own_places():
-            place = own_places()[kind.name]
+        if kind.name in places:
+            place = places[kind.name]
             own = [effect.values[parameter.name] for parameter in kind.parameters]
             par[place : place + len(own)] = own
     return par
@@ -163,31 +164,3 @@ def _lift(par: Array, force: float, time: float, rise: float) -> None:
     par[at.LIFT_START] = time
     par[at.LIFT_RISE] = rise
     par[at.CATCH_TIME] = min(par[at.CATCH_TIME], time)
-
-
-def corners(par: Array) -> Array:
-    """Rising times at which a drive has a corner, s."""
-    times = [par[at.TAP_DURATION], par[at.CATCH_TIME], par[at.LIFT_START]]
-    times.append(par[at.LIFT_START] + par[at.LIFT_RISE])
-    if par[at.PUSH_FORCE] != 0:
-        edge = par[at.PUSH_START]
-        times.append(edge)
-        for width in (par[at.PUSH_RISE], par[at.PUSH_HOLD], par[at.PUSH_FALL]):
-            edge += width
-            times.append(edge)
-    found = np.array([t for t in times if 0 < t < math.inf])
-    if par[at.EXCITATION_RATE] > 0:
-        samples = np.arange(1, len(par) - at.EXCITATION) / par[at.EXCITATION_RATE]
-        found = np.concatenate((found, samples))
-    return np.unique(found)
-
-
-def start(par: Array) -> tuple[Array, int]:
-    """State at first contact, shape (N_STATES + branches,), and the contact mode."""
-    state = np.zeros(at.N_STATES + int(par[at.BRANCHES]))
-    if par[at.IMPACTOR_MASS] == 0:
-        return state, at.GONE
-    state[at.VP] = state[at.VQ] = par[at.IMPACT_SPEED]
-    if par[at.SECOND_MASS] == 0:
-        state[at.VQ] = 0.0
-    return state, at.CLOSED

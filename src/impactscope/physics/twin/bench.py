@@ -18,6 +18,7 @@ from impactscope.physics.pendulum import Orientation, Pendulum
 
 __all__ = [
     'IMPACT_RATE_LAYER',
+    'LOSSES',
     'PAPER_LAYER',
     'BareContact',
     'Bench',
@@ -34,6 +35,7 @@ __all__ = [
 
 LossOf = Literal['material', 'blow', 'contact']
 """What the loss of a bare contact is a constant of; see :class:`BareContact`."""
+LOSSES: tuple[LossOf, ...] = get_args(LossOf)
 
 
 def _check(owner: str, **limits: tuple[float, float, float]) -> None:
@@ -131,9 +133,9 @@ class BareContact:
     loss_of: LossOf = 'material'
 
     def __post_init__(self) -> None:
-        if self.loss_of not in get_args(LossOf):
+        if self.loss_of not in LOSSES:
             raise ConfigurationError(
-                f'bare contact: loss_of {self.loss_of!r} is none of {", ".join(get_args(LossOf))}'
+                f'bare contact: loss_of {self.loss_of!r} is none of {", ".join(LOSSES)}'
             )
         _check(
             'bare contact',

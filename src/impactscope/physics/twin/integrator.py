@@ -34,8 +34,9 @@ from impactscope.physics.twin.modes import (
     slip_direction,
 )
 from impactscope.physics.twin.runge_kutta import dense_state, local_error, prepare_dense, step
+from impactscope.physics.twin.start import approach, corners, start
 
-__all__ = ['NOT_FINITE', 'TOO_MANY_EVENTS', 'TOO_MANY_STEPS', 'integrate']
+__all__ = ['NOT_FINITE', 'TOO_MANY_EVENTS', 'TOO_MANY_STEPS', 'integrate', 'run']
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -255,7 +256,7 @@ def _run(
     par: Array,
     y: Array,
     contact: int,
-    corners: Array,
+    at_corners: Array,
     times: Array,
     tolerance: float,
     longest_step: float,
@@ -270,10 +271,10 @@ def _run(
     moving: IntArray,
 ) -> tuple[int, int]:
     """As :func:`integrate`, with room for the stages, the dense output and two states."""
-    par, y, corners, times, rows = (
+    par, y, at_corners, times, rows = (
         borrowed(par),
         borrowed(y),
-        borrowed(corners),
+        borrowed(at_corners),
         borrowed(times),
         borrowed(rows),
     )
@@ -302,10 +303,10 @@ def _run(
         n_steps += 1
         if n_steps > most_steps:
             return TOO_MANY_STEPS, n_steps
-        while next_corner < len(corners) and corners[next_corner] <= t + _SHORTEST:
+        while next_corner < len(at_corners) and at_corners[next_corner] <= t + _SHORTEST:
             next_corner += 1
             fresh = True
-        limit = min(corners[next_corner], end) if next_corner < len(corners) else end
+        limit = min(at_corners[next_corner], end) if next_corner < len(at_corners) else end
         h = min(h, longest_step)
         wanted = h
         to_limit = t + h * 1.0000001 >= limit
@@ -377,7 +378,7 @@ def integrate(
     par: Array,
     y: Array,
     contact: int,
-    corners: Array,
+    at_corners: Array,
     times: Array,
     tolerance: float,
     longest_step: float,
@@ -388,7 +389,7 @@ def integrate(
 ) -> tuple[int, int]:
     """Integrate from time 0 and fill ``rows`` at ``times`` (rising, the first at least 0).
 
-    ``y`` is the state at time 0 and is changed; ``corners`` are rising times at which a drive
+    ``y`` is the state at time 0 and is changed; ``at_corners`` are rising times at which a drive
     has a corner; ``rows`` has shape (len(times), N_COLUMNS), or N_LEAN_COLUMNS where energies do
     not matter. Returns the number of events,
     or TOO_MANY_STEPS, TOO_MANY_EVENTS or NOT_FINITE, and the number of steps.
@@ -398,7 +399,7 @@ def integrate(
         par.copy(),  # which changes where the loss of a contact goes by its speed
         y,
         contact,
-        corners,
+        at_corners,
         times,
         tolerance,
         longest_step,
@@ -412,3 +413,47 @@ def integrate(
         y.copy(),
         _moving(par, n),
     )
+
+
+@compiled
+def run(
+    par: Array,
+    times: Array,
+    tolerance: float,
+    longest_step: float,
+    most_steps: int,
+    rooms: tuple[int, int],
+    rows: Array,
+) -> tuple[int, int, Array, IntArray]:
+    """A whole blow, approach and all, at ``times`` (rising, s from first contact).
+
+    ``rooms``: for so many events, and for so many where there are more. Fills ``rows`` as
+    :func:`integrate` does and returns what that returns, then event times and kinds.
+    """
+    before = np.searchsorted(times, 0.0)
+    if before > 0 and par[at.IMPACTOR_MASS] > 0.0:
+        approach(par, times[:before], rows[:before])
+    found, steps = 0, 0
+    event_times, event_kinds = np.empty(0), np.empty(0, dtype=np.int64)
+    if before == times.size:
+        return found, steps, event_times, event_kinds
+    for room in rooms:
+        event_times, event_kinds = np.empty(room), np.empty(room, dtype=np.int64)
+        state, contact = start(par)
+        found, steps = integrate(
+            par,
+            state,
+            contact,
+            corners(par),
+            times[before:],
+            tolerance,
+            longest_step,
+            most_steps,
+            rows[before:],
+            event_times,
+            event_kinds,
+        )
+        if found != TOO_MANY_EVENTS:
+            break
+    kept = max(found, 0)
+    return found, steps, event_times[:kept].copy(), event_kinds[:kept].copy()

@@ -115,8 +115,7 @@ REVERSES: Final = 5
 SPRING_REGION: Final = 6  # slack, spring or end stop was entered
 
 
-def blank() -> NDArray[np.float64]:
-    """A parameter vector with every mechanism absent, shape (N_PARAMETERS,)."""
+def _blank() -> NDArray[np.float64]:
     vector = np.zeros(N_PARAMETERS)
     vector[STOP_TRAVEL] = np.inf
     vector[HYSTERESIS_YIELD] = 1.0
@@ -126,3 +125,11 @@ def blank() -> NDArray[np.float64]:
     vector[LIFT_START] = np.inf
     vector[CATCH_TIME] = np.inf
     return vector
+
+
+_BLANK = _blank()
+
+
+def blank() -> NDArray[np.float64]:
+    """A parameter vector with every mechanism absent, shape (N_PARAMETERS,)."""
+    return _BLANK.copy()

@@ -10,16 +10,9 @@ from numpy.typing import NDArray
 
 from impactscope.errors import ConfigurationError, ImpactscopeError
 from impactscope.physics.twin import layout as at
-from impactscope.physics.twin.assembly import (
-    Effect,
-    Effects,
-    assemble,
-    corners,
-    normalise,
-    start,
-)
+from impactscope.physics.twin.assembly import Effect, Effects, assemble, normalise
 from impactscope.physics.twin.bench import Bench, Blow
-from impactscope.physics.twin.integrator import NOT_FINITE, TOO_MANY_EVENTS, integrate
+from impactscope.physics.twin.integrator import NOT_FINITE, TOO_MANY_EVENTS, run
 
 __all__ = [
     'CHANNELS',
@@ -170,46 +163,35 @@ def sufficient_tolerance(par: Array) -> float:
 
 
 def solve(
-    par: Array, times: Array, tolerance: float | None = None, *, lean: bool = False
+    par: Array,
+    times: Array,
+    tolerance: float | None = None,
+    *,
+    lean: bool = False,
+    count: int | None = None,
 ) -> tuple[Array, Array, NDArray[np.int64], int]:
     """Run the compiled twin on a parameter vector; the inner call of every fit.
 
     ``times``: rising, s from first contact; before it everything rests and the impactor
-    approaches. ``lean`` leaves out what only the energy balance needs. Returns rows of shape
+    approaches. ``lean`` leaves out what only the energy balance needs; of ``times`` only the
+    first ``count`` are simulated, the rows of the others are zero. Returns rows of shape
     (n_times, N_COLUMNS) or (n_times, N_LEAN_COLUMNS), event times and kinds, and the number of
     steps. ``tolerance`` None: the sufficient one. Raises SimulationError where the integration
     does not get through.
     """
     if tolerance is None:
         tolerance = sufficient_tolerance(par)
-    state, contact = start(par)
     rows = np.zeros((len(times), at.N_LEAN_COLUMNS if lean else at.N_COLUMNS))
-    before = int(np.searchsorted(times, 0.0))
-    if par[at.IMPACTOR_MASS] > 0:
-        _approach(par, times[:before], rows[:before])
-    found = steps = 0
-    event_times = np.empty(0)
-    event_kinds = np.empty(0, dtype=np.int64)
-    if before == len(times):
-        return rows, event_times, event_kinds, steps
-    for room in (FEW_EVENTS, MAX_EVENTS):
-        event_times = np.empty(room)
-        event_kinds = np.empty(room, dtype=np.int64)
-        found, steps = integrate(
-            par,
-            state.copy(),
-            contact,
-            corners(par),
-            times[before:],
-            tolerance,
-            LONGEST_STEP,
-            MOST_STEPS + 8 * len(times),
-            rows[before:],
-            event_times,
-            event_kinds,
-        )
-        if found != TOO_MANY_EVENTS:
-            break
+    stop = len(times) if count is None else count
+    found, steps, event_times, event_kinds = run(
+        par,
+        times[:stop],
+        tolerance,
+        LONGEST_STEP,
+        MOST_STEPS + 8 * stop,
+        (FEW_EVENTS, MAX_EVENTS),
+        rows[:stop],
+    )
     if found < 0:
         if found == NOT_FINITE:
             raise SimulationError('the simulation does not stay finite with these parameters')
@@ -217,31 +199,9 @@ def solve(
         raise SimulationError(
             f'the simulation needs more {what} than allowed: {steps} steps taken'
         )
-    if not np.isfinite(rows[-1]).all():
+    if steps and not math.isfinite(rows[stop - 1].sum()):
         raise SimulationError('the simulation does not stay finite with these parameters')
-    return rows, event_times[:found].copy(), event_kinds[:found].copy(), steps
-
-
-def _approach(par: Array, times: Array, rows: Array) -> None:
-    """The approach before first contact: released at rest where a weight draws it on."""
-    mass = par[at.IMPACTOR_MASS] + par[at.SECOND_MASS]
-    speed = par[at.IMPACT_SPEED]
-    position, velocity, acceleration = speed * times, np.full(times.size, speed), 0.0 * times
-    if par[at.RESTORING] > 0 and par[at.LOAD] == 0:
-        omega = math.sqrt(par[at.RESTORING] / mass)
-        phase = np.maximum(omega * times, -0.5 * math.pi)  # held until then
-        position = speed / omega * np.sin(phase)
-        velocity = speed * np.cos(phase)
-        acceleration = np.where(omega * times > phase - 1e-12, -omega * speed * np.sin(phase), 0.0)
-    elif par[at.LOAD] > 0:
-        pull = par[at.LOAD] / mass
-        since = np.maximum(times, -speed / pull)
-        position = speed * since + 0.5 * pull * since**2
-        velocity = speed + pull * since
-        acceleration = np.where(times >= since, pull, 0.0)
-    rows[:, at.IMPACTOR_POSITION] = position
-    rows[:, at.IMPACTOR_VELOCITY] = velocity
-    rows[:, at.IMPACTOR_ACCELERATION] = acceleration
+    return rows, event_times, event_kinds, steps
 
 
 def simulate_at(

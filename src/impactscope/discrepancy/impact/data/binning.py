@@ -184,13 +184,33 @@ def merged(moments: Mapping[str, Array]) -> tuple[Array, dict[str, IntArray]]:
     ``moments``: of each channel, rising.
     """
     flat = np.concatenate(list(moments.values()))
-    order = np.argsort(flat, kind='stable')  # quick where runs are in order already
-    ranked = flat[order]
-    new = np.diff(ranked, prepend=-math.inf) > 0.0
-    place = np.empty(flat.size, dtype=np.int64)
-    place[order] = np.cumsum(new) - 1
-    ends = np.cumsum([m.size for m in moments.values()])
-    return ranked[new], dict(zip(moments, np.split(place, ends[:-1]), strict=True))
+    ends = np.cumsum(np.array([m.size for m in moments.values()], dtype=np.int64))
+    ranked, place = _merged(flat, ends)
+    begins = (0, *ends[:-1].tolist())
+    return ranked, {n: place[b:e] for n, b, e in zip(moments, begins, ends, strict=True)}
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _merged(flat: Array, ends: IntArray) -> tuple[Array, IntArray]:
+    """Values of rising runs in one row, rising, each once; and where each of them stands there.
+
+    ``ends``: of the runs, shape (n_runs,).
+    """
+    heads = np.concatenate((np.zeros(1, dtype=np.int64), ends[:-1]))
+    ranked, place = np.empty(flat.size), np.empty(flat.size, dtype=np.int64)
+    count = 0
+    for _ in range(flat.size):
+        first = -1
+        for run in range(ends.size):
+            if heads[run] < ends[run] and (first < 0 or flat[heads[run]] < flat[heads[first]]):
+                first = run
+        value = flat[heads[first]]
+        if count == 0 or value > ranked[count - 1]:
+            ranked[count] = value
+            count += 1
+        place[heads[first]] = count - 1
+        heads[first] += 1
+    return ranked[:count].copy(), place
 
 
 def coarse_step(channel: ChannelSamples, onset: float) -> float:

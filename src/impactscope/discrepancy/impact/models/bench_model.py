@@ -482,19 +482,13 @@ class ImpactModel:
         return result
 
     def _solve(self, par: Array, i: int, times: Array, start: float, until: float) -> _Solution:
-        count = int(np.searchsorted(times, until + _BEYOND))
+        count = int(times.searchsorted(until + _BEYOND))
         key = par.tobytes() + np.array([start, count, times.size, times[-1], times[0]]).tobytes()
         key += times[:: max(1, times.size // 7)].tobytes()
         known = self.solutions[i].get(key)
         if known is not None:
             return known
-        rows: Array = np.zeros((0, at.N_LEAN_COLUMNS))
-        event_times, event_kinds = np.zeros(0), np.zeros(0, dtype=np.int64)
-        if count:
-            rows, event_times, event_kinds, _ = solve(par, times[:count] - start, lean=True)
-        if count < times.size:
-            rows = np.concatenate([rows, np.zeros((times.size - count, at.N_LEAN_COLUMNS))])
-        found = rows, event_times, event_kinds
+        found = solve(par, times - start, lean=True, count=count)[:3]
         self.solutions[i].keep(key, found)
         return found
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
-from typing import get_args
 
 from impactscope.discrepancy.impact.data.blows import BlowData
 from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation, Pendulum
 from impactscope.physics.twin.bench import (
+    LOSSES,
     BareContact,
     Bench,
     Blow,
     DamperLayer,
     HammerTap,
-    LossOf,
     MaxwellBranch,
     PendulumBlow,
     RobotBlow,
@@ -25,7 +25,6 @@ __all__ = [
     'ADDED_WEIGHT',
     'GRAVITY',
     'LARGE_ANGLES',
-    'LOSSES',
     'LOSS_OF',
     'WEIGHT',
     'after_loss',
@@ -44,7 +43,9 @@ GRAVITY = 'gravity'
 """Of the site, m/s²; standard gravity where it is not among the values."""
 LOSS_OF = 'contact.loss_of'
 """What the loss of a bare contact is a constant of: place among `LOSSES`."""
-LOSSES: tuple[LossOf, ...] = get_args(LossOf)
+
+_KEPT = 256  # of each part of a bench
+_BARE = BareContact()
 
 
 def after_loss(key: str, stated: float, ratio: float, values: Mapping[str, float]) -> float:
@@ -95,6 +96,17 @@ def follow_weight(
     return True
 
 
+# most numbers of a blow are those of the one simulated before
+_sensor = functools.lru_cache(_KEPT)(Sensor)
+_contact = functools.lru_cache(_KEPT)(BareContact)
+_pendulum = functools.lru_cache(_KEPT)(Pendulum)
+
+
+@functools.lru_cache(_KEPT)
+def _layer(parallel: float, branches: tuple[tuple[float, float], ...]) -> DamperLayer:
+    return DamperLayer(parallel, tuple(MaxwellBranch(*numbers) for numbers in branches))
+
+
 def describe(values: Mapping[str, float], data: BlowData, i: int) -> tuple[Bench, Blow]:
     """Bench and blow of the twin for blow ``i`` with these numbers."""
     recording = data.recording
@@ -102,7 +114,7 @@ def describe(values: Mapping[str, float], data: BlowData, i: int) -> tuple[Bench
     def of(key: str, default: float = math.nan) -> float:
         return values.get(f'{key}@{i}', values.get(key, default))
 
-    sensor = Sensor(of('sensor.stiffness'), of('sensor.moving_mass'), of('sensor.damping_ratio'))
+    sensor = _sensor(of('sensor.stiffness'), of('sensor.moving_mass'), of('sensor.damping_ratio'))
     horizontal = of('orientation', 0.0) > 0.5
     orientation = Orientation.HORIZONTAL if horizontal else Orientation.VERTICAL
     if recording.kind == 'tap':
@@ -110,19 +122,15 @@ def describe(values: Mapping[str, float], data: BlowData, i: int) -> tuple[Bench
             of('tap_peak'), of('tap_duration')
         )
     damper = None
-    contact = BareContact()
+    contact = _BARE
     if recording.damper and 'damper.parallel_stiffness' in values:
-        branches: list[MaxwellBranch] = []
+        branches: list[tuple[float, float]] = []
         while f'damper.branches.{len(branches)}.stiffness' in values:
-            n = len(branches)
-            branches.append(
-                MaxwellBranch(
-                    of(f'damper.branches.{n}.stiffness'), of(f'damper.branches.{n}.damping')
-                )
-            )
-        damper = DamperLayer(of('damper.parallel_stiffness'), tuple(branches))
+            key = f'damper.branches.{len(branches)}'
+            branches.append((of(f'{key}.stiffness'), of(f'{key}.damping')))
+        damper = _layer(of('damper.parallel_stiffness'), tuple(branches))
     else:
-        contact = BareContact(
+        contact = _contact(
             stiffness=of('contact.stiffness'),
             exponent=of('contact.exponent', 1.5),
             restitution=of('contact.restitution'),
@@ -130,13 +138,13 @@ def describe(values: Mapping[str, float], data: BlowData, i: int) -> tuple[Bench
         )
     bench = Bench(sensor, damper=damper, contact=contact, orientation=orientation)
     if recording.kind == 'pendulum' and 'pendulum.contact_distance' in values:
-        pendulum = Pendulum(
-            rod_mass=of('pendulum.rod_mass'),
-            rod_length=of('pendulum.rod_length'),
-            contact_distance=of('pendulum.contact_distance'),
-            moving_mass=of('pendulum.moving_mass'),
-            mass_distance=of('mass_distance'),
-            gravity=of(GRAVITY, STANDARD_GRAVITY),
+        pendulum = _pendulum(
+            of('pendulum.rod_mass'),
+            of('pendulum.rod_length'),
+            of('pendulum.contact_distance'),
+            of('pendulum.moving_mass'),
+            of('mass_distance'),
+            of(GRAVITY, STANDARD_GRAVITY),
         )
         large = of(LARGE_ANGLES, 0.0) > 0.0
         return bench, PendulumBlow(pendulum, math.radians(of('angle')), large_angles=large)

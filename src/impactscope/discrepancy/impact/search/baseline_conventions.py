@@ -26,11 +26,12 @@ from impactscope.discrepancy.impact.fits.growing_windows import (
 )
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
-from impactscope.discrepancy.impact.models.bench_parameters import LARGE_ANGLES, LOSS_OF, LOSSES
+from impactscope.discrepancy.impact.models.bench_parameters import LARGE_ANGLES, LOSS_OF
 from impactscope.discrepancy.impact.search.outcome import QUIET
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
+from impactscope.physics.twin.bench import LOSSES
 
 __all__ = ['conventions_told', 'other_conventions', 'with_conventions_of', 'with_likelier']
 
