@@ -428,9 +428,12 @@ def run(
     """A whole blow, approach and all, at ``times`` (rising, s from first contact).
 
     ``rooms``: for so many events, and for so many where there are more. Fills ``rows`` as
-    :func:`integrate` does and returns what that returns, then event times and kinds.
+    :func:`integrate` does, those beyond the last of ``times`` with zeros, and returns what that
+    returns, then event times and kinds.
     """
     before = np.searchsorted(times, 0.0)
+    rows[:before] = 0.0
+    rows[times.size :] = 0.0
     if before > 0 and par[at.IMPACTOR_MASS] > 0.0:
         approach(par, times[:before], rows[:before])
     found, steps = 0, 0
@@ -449,11 +452,13 @@ def run(
             tolerance,
             longest_step,
             most_steps,
-            rows[before:],
+            rows[before : times.size],
             event_times,
             event_kinds,
         )
         if found != TOO_MANY_EVENTS:
             break
+    if found >= 0 and not np.all(np.isfinite(rows[times.size - 1])):
+        found = NOT_FINITE
     kept = max(found, 0)
     return found, steps, event_times[:kept].copy(), event_kinds[:kept].copy()

@@ -181,7 +181,7 @@ def solve(
     """
     if tolerance is None:
         tolerance = sufficient_tolerance(par)
-    rows = np.zeros((len(times), at.N_LEAN_COLUMNS if lean else at.N_COLUMNS))
+    rows = np.empty((len(times), at.N_LEAN_COLUMNS if lean else at.N_COLUMNS))
     stop = len(times) if count is None else count
     found, steps, event_times, event_kinds = run(
         par,
@@ -190,7 +190,7 @@ def solve(
         LONGEST_STEP,
         MOST_STEPS + 8 * stop,
         (FEW_EVENTS, MAX_EVENTS),
-        rows[:stop],
+        rows,
     )
     if found < 0:
         if found == NOT_FINITE:
@@ -199,8 +199,6 @@ def solve(
         raise SimulationError(
             f'the simulation needs more {what} than allowed: {steps} steps taken'
         )
-    if steps and not math.isfinite(rows[stop - 1].sum()):
-        raise SimulationError('the simulation does not stay finite with these parameters')
     return rows, event_times, event_kinds, steps
 
 

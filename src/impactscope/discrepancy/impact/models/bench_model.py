@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impactscope.discrepancy.impact.data.binning import BinnedChannel
-from impactscope.discrepancy.impact.data.blows import CampaignData
+from impactscope.discrepancy.impact.data.blows import BlowData, CampaignData
 from impactscope.discrepancy.impact.models.bench_parameters import (
     GRAVITY,
     after_loss,
@@ -33,7 +33,11 @@ from impactscope.discrepancy.impact.models.measuring_chain import (
     softened,
 )
 from impactscope.discrepancy.impact.models.result_cache import ResultCache
-from impactscope.discrepancy.impact.models.standardised_residuals import standardised
+from impactscope.discrepancy.impact.models.standardised_residuals import (
+    FittedBins,
+    fitted_bins,
+    standardised,
+)
 from impactscope.discrepancy.impact.noise.whitening import Whitener, whitener
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.physics.mechanisms.registry import mechanism
@@ -176,6 +180,15 @@ class Layout:
     ends: Mapping[int, float]  # s, of the last bin of each blow
     size: int
     window: float = math.inf  # s after the onset
+    fitted: dict[int, FittedBins] = field(default_factory=dict, repr=False)  # of each blow
+
+    def bins_of(self, i: int, blow: BlowData) -> FittedBins:
+        """The bins of blow ``i`` that are fitted."""
+        kept = self.fitted.get(i)
+        if kept is None or kept.blow is not blow:
+            kept = fitted_bins(blow, {name: self.masks[i, name] for name in blow.channels})
+            self.fitted[i] = kept
+        return kept
 
     @property
     def samples(self) -> int:
@@ -325,22 +338,29 @@ class ImpactModel:
     def blow_residuals(self, values: Mapping[str, float], i: int, layout: Layout) -> Array:
         """Standardised residuals of one blow in the order of the layout."""
         blow = self.data.blows[i]
+        if not blow.channels:
+            return np.zeros(0)
         simulated = self._simulated(values, i, layout.ends[i])
-        parts = []
+        distorted = {*simulated.chain, *simulated.whole}
+        kinks = simulated.kinks
+        out = standardised(
+            layout.bins_of(i, blow), simulated.rows, simulated.where, simulated.gains, distorted
+        )
+        begin = layout.blow_spans[i].start
         for name, channel in blow.channels.items():
-            mask = layout.masks[i, name]
-            if name in simulated.chain or name in simulated.whole:
+            bends = name == 'acceleration.plate' and kinks.size > 0
+            if not (bends or name in distorted or channel.colour is not None):
+                continue
+            mask, span = layout.masks[i, name], layout.spans[i, name]
+            part = out[span.start - begin : span.stop - begin]
+            if name in distorted:
                 mean = self._mean(simulated, channel)
-                residual = (channel.means[mask] - mean[mask]) / channel.std[mask]
-            else:
-                course = simulated.rows[:, CHANNELS[name][1]]
-                where, gain = simulated.where[name], simulated.gains[name]
-                residual = standardised(channel, course, where, gain, mask)
-            if name == 'acceleration.plate' and simulated.kinks.size:
+                part[:] = (channel.means[mask] - mean[mask]) / channel.std[mask]
+            if bends:
                 jump = simulated.jump / channel.std[mask]
-                residual = softened(residual, jump, channel.centres[mask], simulated.kinks)
-            parts.append(self.whitened(residual, i, name, layout))
-        return np.concatenate(parts) if parts else np.zeros(0)
+                part[:] = softened(part, jump, channel.centres[mask], kinks)
+            part[:] = self.whitened(part, i, name, layout)
+        return out
 
     def whitened(self, rows: Array, i: int, name: str, layout: Layout) -> Array:
         """Standardised rows of a channel of blow ``i``, each less what the noise before it tells.
