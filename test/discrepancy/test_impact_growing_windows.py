@@ -18,6 +18,7 @@ from impactscope.discrepancy.impact.fits.growing_windows import (
     _by_taps,
     begun,
     fit_baseline,
+    fit_unless_far_behind,
     held_out_fit,
     with_repeatability,
 )
@@ -113,6 +114,21 @@ def test_taps_hold_the_bench_while_a_bare_contact_is_met(make_campaign):
     assert found is not None
     assert found.reduced < 1.2
     assert found.values['contact.stiffness'] == pytest.approx(1e8, rel=0.1)
+
+
+def test_what_is_far_behind_in_the_first_milliseconds_is_followed_no_further(
+    make_campaign, monkeypatch
+):
+    campaign = make_campaign(41)
+    model = baseline_model(campaign, prepare(campaign))
+    found = fit_baseline(model)
+    same = fit_unless_far_behind(model, found)
+    assert same is not None
+    assert same.chi_square == pytest.approx(found.chi_square, rel=1e-3)
+    soft = model.extended(constants={'damper.parallel_stiffness': 2e3})
+    soft.free = tuple(f for f in soft.free if f.key != 'damper.parallel_stiffness')
+    monkeypatch.setattr(growing_windows, 'fit_baseline', lambda *_: pytest.fail('was followed'))
+    assert fit_unless_far_behind(soft, found) is None
 
 
 def test_no_other_starts_are_tried_once_the_time_is_over(make_campaign):

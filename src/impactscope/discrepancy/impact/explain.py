@@ -35,6 +35,7 @@ from impactscope.discrepancy.impact.findings.ranking import ranked, share_of_kno
 from impactscope.discrepancy.impact.findings.shifted_parameters import shifted_parameters_told
 from impactscope.discrepancy.impact.fits.growing_windows import (
     fit_baseline,
+    fit_unless_far_behind,
     further,
     held_out_fit,
 )
@@ -218,14 +219,7 @@ def _searched(
     if (left or outcome.accepted) and others and not time_left(_OTHER_WAYS):
         others, left = [], False
     if left:
-        fits = in_parallel(lambda m: fit_baseline(with_conventions_of(baseline.model, m)), others)
-        other = functools.reduce(further, fits)
-        if _same(other, baseline):
-            if outcome.accepted:
-                outcome = search.with_convention(outcome, other.model)
-        elif not _far_behind(other, baseline):
-            both = (outcome, search.run(with_later_cuts(other)))
-            outcome = min(both, key=lambda o: (_left(o, thresholds), _cost(o)))
+        outcome = _by_other_names(search, outcome, baseline, others)
     elif outcome.accepted:
         for model in others:
             outcome = search.with_convention(outcome, model)
@@ -233,6 +227,38 @@ def _searched(
     progress(0.9, 'held-out recordings')
     search.check(outcome)
     return outcome
+
+
+def _by_other_names(
+    search: Search, outcome: Outcome, baseline: Fit, others: Sequence[ImpactModel]
+) -> Outcome:
+    """What is found from a baseline with its names taken as in one of ``others``, if less is left.
+
+    The search as it went where none of them is worth another.
+    """
+    fits = in_parallel(lambda m: _otherwise(baseline, m), others)
+    known = [f for f in fits if f is not None]
+    if not known:
+        return outcome
+    other = functools.reduce(further, known)
+    if _same(other, baseline):
+        return search.with_convention(outcome, other.model) if outcome.accepted else outcome
+    if _far_behind(other, baseline):
+        return outcome
+    both = (outcome, search.run(with_later_cuts(other)))
+    return min(both, key=lambda o: (_left(o, search.thresholds), _cost(o)))
+
+
+def _otherwise(baseline: Fit, taken: ImpactModel) -> Fit | None:
+    """The baseline from a cold start, its names taken as in ``taken``; None: far behind.
+
+    What one that is lost on its way leaves tells nothing of how far another one goes.
+    """
+    model = with_conventions_of(baseline.model, taken)
+    whole = baseline.model.layout(baseline.layout.blows).size
+    if baseline.layout.size < whole:
+        return fit_baseline(model)
+    return fit_unless_far_behind(model, baseline)
 
 
 def _left(outcome: Outcome, thresholds: Thresholds) -> bool:

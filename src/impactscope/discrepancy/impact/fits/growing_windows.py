@@ -26,6 +26,7 @@ from impactscope.physics.twin.simulate import SimulationError
 __all__ = [
     'begun',
     'fit_baseline',
+    'fit_unless_far_behind',
     'follow',
     'followed',
     'follows_all',
@@ -52,6 +53,7 @@ _STEEP = 'contact.'
 _RUNG = 1.15  # reduced chi-square up to which taps are understood
 _WAYS = 2  # pairs of starts within what a short window leaves open
 _FAR = 2.0  # standard deviations
+_FAR_BEHIND = 4.0  # times the chi-square of another fit
 
 
 def fit_baseline(model: ImpactModel, short: Fit | None = None) -> Fit:
@@ -70,6 +72,17 @@ def fit_baseline(model: ImpactModel, short: Fit | None = None) -> Fit:
     if not follows_all(found) and _open(short):
         found = _by_other_ways(short, found)
     return found if by_taps is None else further(found, by_taps)
+
+
+def fit_unless_far_behind(model: ImpactModel, found: Fit) -> Fit | None:
+    """A baseline taken otherwise; None where its beginning alone leaves far more than a fit.
+
+    What the first milliseconds leave at least is left of longer windows, too.
+    """
+    short = begun(model)
+    if short.chi_square > _FAR_BEHIND * found.chi_square:
+        return None
+    return fit_baseline(model, short)
 
 
 def begun(model: ImpactModel) -> Fit:

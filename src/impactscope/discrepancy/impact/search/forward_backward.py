@@ -24,8 +24,7 @@ from impactscope.discrepancy.impact.adequacy.residual_tests import adequacy
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.fits.growing_windows import (
-    begun,
-    fit_baseline,
+    fit_unless_far_behind,
     followed,
     held_out_fit,
     with_repeatability,
@@ -233,7 +232,9 @@ class Search:
         if not time_left('a cold start with names taken otherwise'):
             return outcome
         final = outcome.final
-        cold = fit_baseline(with_conventions_of(outcome.baseline.model, taken))
+        cold = fit_unless_far_behind(with_conventions_of(outcome.baseline.model, taken), final)
+        if cold is None:
+            return outcome
         added = len(final.model.free) - len(outcome.baseline.model.free)
         size, whole = final.layout.size, cold.layout.size  # a bin more or less that tells much
         more = (cold.chi_square - whole) - (final.chi_square - size)
@@ -326,7 +327,9 @@ class Search:
         listed = candidates(baseline, self.baseline_names)
         best: tuple[Candidate, Fit, Fit] | None = None
         others = [c for c in listed if not c.free]
-        fits = in_parallel(lambda c: _not_far_behind(c.extend(baseline.model), baseline), others)
+        fits = in_parallel(
+            lambda c: fit_unless_far_behind(c.extend(baseline.model), baseline), others
+        )
         tried = [(c, f) for c, f in zip(others, fits, strict=True) if f is not None]
         if 'contact.stiffness' in baseline.values and baseline.reduced > LOST:
             tried += from_taps(baseline, self.baseline_names)
@@ -736,17 +739,6 @@ def _worse(before: Fit, grown: Fit) -> bool:
 
 def _near(found: Fit, window: float) -> Fit:
     return fit(found.model, _up_to(found, window), found.x)
-
-
-def _not_far_behind(model: ImpactModel, baseline: Fit) -> Fit | None:
-    """Another structure as a baseline; None where its beginning alone leaves far more than that.
-
-    What the first milliseconds leave at least is left of longer windows, too.
-    """
-    short = begun(model)
-    if short.chi_square > _TELLING * baseline.chi_square:
-        return None
-    return fit_baseline(model, short)
 
 
 def _by_convention(
