@@ -23,7 +23,7 @@ from impactscope.discrepancy.impact.fits.growing_windows import (
     with_repeatability,
 )
 from impactscope.discrepancy.impact.fits.least_squares import at_point, fit
-from impactscope.discrepancy.impact.fits.start_values import SHORT, _missed, cold_starts, place
+from impactscope.discrepancy.impact.fits.start_values import SHORT, _missed, place
 from impactscope.discrepancy.impact.models.baseline import baseline_model, with_metal_that_lets_go
 from impactscope.discrepancy.impact.search import prediction_misfit as prediction
 from impactscope.discrepancy.impact.search.outcome import settled_without
@@ -110,7 +110,7 @@ def test_taps_hold_the_bench_while_a_bare_contact_is_met(make_campaign):
     contact = BareContact(1e8, restitution=0.7)
     campaign = make_campaign(43, bare=contact, baseline=BARE, rate=5000.0)
     model = baseline_model(campaign, prepare(campaign))
-    found = _by_taps(model, cold_starts(model)[0])
+    found = _by_taps(model)
     assert found is not None
     assert found.reduced < 1.2
     assert found.values['contact.stiffness'] == pytest.approx(1e8, rel=0.1)
@@ -131,6 +131,20 @@ def test_what_is_far_behind_in_the_first_milliseconds_is_followed_no_further(
     assert fit_unless_far_behind(soft, found) is None
 
 
+def test_a_bare_contact_that_only_taps_lead_to_is_not_far_behind(make_campaign, monkeypatch):
+    contact = BareContact(1e8, restitution=0.7)
+    campaign = make_campaign(43, bare=contact, baseline=BARE, rate=5000.0)
+    model = baseline_model(campaign, prepare(campaign))
+    found = fit_baseline(model)
+    bent = dataclasses.replace(found, chi_square=100.0 * found.chi_square)
+    monkeypatch.setattr(growing_windows, 'begun', lambda _: bent)
+    again = fit_unless_far_behind(model, found)
+    assert again is not None
+    assert again.reduced < 1.2
+    monkeypatch.setattr(growing_windows, '_begun_by_taps', lambda _: None)
+    assert fit_unless_far_behind(model, found) is None
+
+
 def test_no_other_starts_are_tried_once_the_time_is_over(make_campaign):
     contact = BareContact(1e8, restitution=0.7)
     campaign = make_campaign(43, bare=contact, baseline=BARE, rate=5000.0)
@@ -144,7 +158,7 @@ def test_taps_that_miss_something_hold_nothing(make_campaign):
     effect = Effect('coulomb_friction', {'force': 2.0})
     campaign = make_campaign(44, (effect,), bare=BareContact(1e8), baseline=BARE, rate=5000.0)
     model = baseline_model(campaign, prepare(campaign))
-    assert _by_taps(model, cold_starts(model)[0]) is None
+    assert _by_taps(model) is None
 
 
 def test_a_finding_smaller_than_its_uncertainty_makes_the_fit_without_it_look_again(

@@ -255,10 +255,12 @@ def _otherwise(baseline: Fit, taken: ImpactModel) -> Fit | None:
     What one that is lost on its way leaves tells nothing of how far another one goes.
     """
     model = with_conventions_of(baseline.model, taken)
-    whole = baseline.model.layout(baseline.layout.blows).size
-    if baseline.layout.size < whole:
-        return fit_baseline(model)
-    return fit_unless_far_behind(model, baseline)
+    return fit_baseline(model) if _lost(baseline) else fit_unless_far_behind(model, baseline)
+
+
+def _lost(baseline: Fit) -> bool:
+    """Whether a baseline does not follow the blows to their end."""
+    return baseline.layout.size < baseline.model.layout(baseline.layout.blows).size
 
 
 def _left(outcome: Outcome, thresholds: Thresholds) -> bool:
@@ -277,7 +279,7 @@ def _same(other: Fit, baseline: Fit) -> bool:
 def _far_behind(other: Fit, baseline: Fit) -> bool:
     """Whether a baseline leaves far more than one that lacks no more than something weak."""
     size = baseline.layout.size
-    if baseline.reduced > _WEAK or size < baseline.model.layout(baseline.layout.blows).size:
+    if baseline.reduced > _WEAK or _lost(baseline):
         return False
     excess = other.chi_square - baseline.chi_square
     return other.layout.size < 0.98 * size or excess > _FAR_BEHIND

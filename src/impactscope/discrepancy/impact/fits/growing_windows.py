@@ -62,12 +62,10 @@ def fit_baseline(model: ImpactModel, short: Fit | None = None) -> Fit:
     ``short``: what `begun` makes of it, where that is known.
     """
     model = _by_noise_alone(model)
-    starts = cold_starts(model)
-    bare = 'contact.stiffness' in model.values(starts[0])
-    by_taps = _by_taps(model, starts[0]) if bare else None
+    by_taps = _by_taps(model)
     if by_taps is not None and follows_all(by_taps):
         return by_taps
-    short = _short(model, starts) if short is None else short
+    short = _short(model, cold_starts(model)) if short is None else short
     found = follow(short)
     if not follows_all(found) and _open(short):
         found = _by_other_ways(short, found)
@@ -77,11 +75,15 @@ def fit_baseline(model: ImpactModel, short: Fit | None = None) -> Fit:
 def fit_unless_far_behind(model: ImpactModel, found: Fit) -> Fit | None:
     """A baseline taken otherwise; None where its beginning alone leaves far more than a fit.
 
-    What the first milliseconds leave at least is left of longer windows, too.
+    What the first milliseconds leave at least is left of longer windows, too; of a bare contact
+    they are met in either way that :func:`fit_baseline` sets out.
     """
+    allowed = _FAR_BEHIND * found.chi_square
     short = begun(model)
-    if short.chi_square > _FAR_BEHIND * found.chi_square:
-        return None
+    if short.chi_square > allowed:
+        by_taps = _begun_by_taps(_by_noise_alone(model))
+        if by_taps is None or by_taps.chi_square > allowed:
+            return None
     return fit_baseline(model, short)
 
 
@@ -100,17 +102,28 @@ def _short(model: ImpactModel, starts: Sequence[Array]) -> Fit:
     return min((f for f in tried if f is not None), key=lambda f: f.chi_square)
 
 
-def _by_taps(model: ImpactModel, start: Array) -> Fit | None:
-    """A fit that first holds what the taps tell; None where they tell nothing or miss something.
+def _by_taps(model: ImpactModel) -> Fit | None:
+    """The fit that :func:`_begun_by_taps` leads to; None where there is none."""
+    begin = _begun_by_taps(model)
+    if begin is not None:
+        with contextlib.suppress(ImpactscopeError, ValueError):
+            return follow(begin)
+    return None
+
+
+def _begun_by_taps(model: ImpactModel) -> Fit | None:
+    """Bare contacts met first with what the taps tell held, over the shortest windows.
 
     Bare contacts of a few samples are steep: free to move, everything that is known of the bench
-    would be bent to meet them, and the fit not find back.
+    would be bent to meet them, and the fit not find back. None where nothing is bare, or taps
+    tell nothing or miss something.
     """
+    start = cold_starts(model)[0]
     blows = model.data.fitted
     taps = [i for i in blows if model.data.blows[i].recording.kind == 'tap']
-    if not taps or len(taps) == len(blows):
+    if 'contact.stiffness' not in model.values(start) or len(taps) in (0, len(blows)):
         return None
-    try:
+    with contextlib.suppress(ImpactscopeError, ValueError):
         layout = model.layout(taps)
         rung = fit(model, layout, start, iterations=12, settled=1.0)
         if rung.reduced > _RUNG:
@@ -125,9 +138,8 @@ def _by_taps(model: ImpactModel, start: Array) -> Fit | None:
         alone.free = tuple(f for f in model.free if f.key not in held)
         short = _short(alone, cold_starts(alone))
         x = np.array([f.to_inner(short.values[f.key]) for f in model.free])
-        return follow(fit(model, short.layout, x, iterations=12, settled=1.0))
-    except (ImpactscopeError, ValueError):
-        return None
+        return fit(model, short.layout, x, iterations=12, settled=1.0)
+    return None
 
 
 def further(found: Fit, other: Fit) -> Fit:

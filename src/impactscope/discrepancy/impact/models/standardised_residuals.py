@@ -1,7 +1,7 @@
 """Standardised residuals of a blow straight from what was simulated; compiled.
 
-Between two simulations this is most of what a fit does. It takes some microseconds, so that it
-keeps the interpreter: to get that back would take far longer.
+Between two simulations this is most of what a fit does. It takes some microseconds: too little to
+give up the interpreter for.
 """
 
 from __future__ import annotations
