@@ -37,8 +37,11 @@ test: lint
 
 # Concealed campaigns from a fresh seed, explained and scored: hours; resumable. JOBS=2 by default.
 JOBS ?= 2
-# many processes side by side: threads of the linear algebra would only wait for each other
+# many processes side by side: threads would only wait for each other
 proof proof-short proof-clean: export OPENBLAS_NUM_THREADS = 1
+ifneq ($(JOBS),1)
+proof proof-short proof-clean: export IMPACTSCOPE_THREADS = 1
+endif
 
 proof: build
 	$(BIN)/python -m impactscope.proof all --jobs $(JOBS) $(PROOF)

@@ -2,15 +2,57 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import threading
 
 import numpy as np
 import pytest
 
+from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.discrepancy.impact.models.result_cache import ResultCache
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.parallel import THREADS, in_parallel
+from impactscope.errors import ConfigurationError
+from impactscope.physics.twin.assembly import Effect
+
+
+@pytest.fixture(autouse=True)
+def four_threads(monkeypatch):
+    monkeypatch.setenv(THREADS, '4')
+
+
+def test_the_environment_says_how_many_threads(monkeypatch):
+    barrier = threading.Barrier(3)
+
+    def name(_: int) -> str:
+        barrier.wait(timeout=20.0)  # three at the same time
+        return threading.current_thread().name
+
+    monkeypatch.setenv(THREADS, ' 3 ')
+    assert len(set(in_parallel(name, range(3)))) == 3
+    monkeypatch.setenv(THREADS, '1')
+    here = threading.current_thread().name
+    assert set(in_parallel(lambda _: threading.current_thread().name, range(3))) == {here}
+
+
+@pytest.mark.parametrize('told', ['0', '-2', 'many', '1.5'])
+def test_threads_that_are_no_number_are_told(monkeypatch, told):
+    monkeypatch.setenv(THREADS, told)
+    with pytest.raises(ConfigurationError, match=f'{THREADS} is .{told}'):
+        in_parallel(lambda i: i, range(2))
+
+
+def test_an_answer_is_the_same_with_any_number_of_threads(make_campaign, monkeypatch):
+    campaign = make_campaign(3, [Effect('coulomb_friction', {'force': 0.3})], blows=2)
+    told = []
+    for threads in ('1', '4'):
+        monkeypatch.setenv(THREADS, threads)
+        answer = explain(campaign)
+        assert answer.accepted == ('coulomb_friction',)
+        told.append(json.dumps(dataclasses.replace(answer, duration_s=0.0).to_json()))
+    assert told[0] == told[1]
 
 
 def test_results_come_in_the_order_of_the_items():

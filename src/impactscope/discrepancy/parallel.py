@@ -9,7 +9,11 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-__all__ = ['in_parallel']
+from impactscope.errors import ConfigurationError
+
+__all__ = ['THREADS', 'in_parallel']
+
+THREADS = 'IMPACTSCOPE_THREADS'  # environment variable: threads of one search
 
 _Item = TypeVar('_Item')
 _Result = TypeVar('_Result')
@@ -22,20 +26,38 @@ def _begin() -> None:
     _here.is_worker = True
 
 
+def _threads() -> int:
+    """How many the environment allows; as many as there are cores, up to four, unless it tells.
+
+    Raises ConfigurationError where it tells no whole number from 1 on.
+    """
+    told = os.environ.get(THREADS, '').strip()
+    if not told:
+        return min(_cores(), _MOST)
+    if not told.isdecimal() or int(told) < 1:
+        message = f'{THREADS} is {told[:20]!r}; threads are a whole number from 1 on'
+        raise ConfigurationError(message)
+    return int(told)
+
+
 @functools.cache
-def _pool() -> ThreadPoolExecutor | None:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()
-    if (cores or 1) < 2:
-        return None
-    return ThreadPoolExecutor(min(cores or 1, _MOST), 'impactscope', _begin)
+def _cores() -> int:
+    many = len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()
+    return many or 1
+
+
+@functools.cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, 'impactscope', _begin)
 
 
 def in_parallel(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Result]:
     """``work`` done on each item, in threads where there are cores; results in their order.
 
+    Where other programs have the cores, threads wait for each other: ``THREADS`` says how many.
     What one item needs, no other may change. An error of any item is raised. Within such a piece
     of work everything is done in its own thread: the largest pieces are worth the most.
     """
     alone = len(items) < 2 or getattr(_here, 'is_worker', False)
-    pool = None if alone else _pool()
-    return [work(item) for item in items] if pool is None else list(pool.map(work, items))
+    threads = 1 if alone else _threads()
+    return [work(i) for i in items] if threads < 2 else list(_pool(threads).map(work, items))
