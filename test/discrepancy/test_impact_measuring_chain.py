@@ -20,6 +20,7 @@ from impactscope.discrepancy.impact.models.bench_model import RECORDING_END
 from impactscope.discrepancy.impact.models.measuring_chain import (
     _ahead,
     coupled_since,
+    distort,
     fineness,
 )
 
@@ -67,6 +68,28 @@ def test_a_filter_without_a_phase_has_moments_for_its_second_pass(cutoff):
     expected = signal.sosfiltfilt(sections, fine)[:: round(EXACT / rate)]
     found = _ahead(contact(np.arange(expected.size) / rate), rate, numbers)
     assert np.max(np.abs(found - expected)) < 1.5e-4
+
+
+@pytest.mark.parametrize('rate', [1000.0, 5000.0, 20_000.0])
+def test_a_coupling_sums_up_what_lies_between_samples(rate):
+    """Samples alone lose a share of a short contact, which stays for as long as it fades."""
+    channel = SimpleNamespace(sample_rate=rate)
+    numbers = {'corner': 2.0}
+
+    def coupled(moments_of_each):
+        time = np.arange(round(0.05 * rate * moments_of_each)) / (rate * moments_of_each)
+        pulses = contact(time) - 0.6 * contact(time - 0.0123)
+        found = distort('ac_coupling', pulses, time, channel, numbers, moments_of_each)
+        return found[::moments_of_each]
+
+    fine = fineness([('ac_coupling', numbers)], channel)
+    assert fineness([('ac_coupling', {'corner': 0.0})], channel) == 1
+    exact = coupled(400)
+    after = slice(round(0.03 * rate), None)
+    lost = np.max(np.abs(coupled(fine) - exact)[after])
+    assert lost < 0.02 * np.max(np.abs(exact[after]))
+    if rate == 1000.0:
+        assert np.max(np.abs(coupled(1) - exact)[after]) > 10.0 * lost
 
 
 def test_a_load_that_stays_passes_an_analogue_filter():

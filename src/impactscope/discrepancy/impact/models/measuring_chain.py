@@ -34,6 +34,9 @@ HIGHEST = 0.49
 LOWEST_AHEAD = 0.15
 """Of the sampling rate, from which a filter that acts before sampling differs from that."""
 
+# moments in a second, and for each sample at most, between which straight lines will do for what
+# an AC coupling sums up: the samples alone tell too little of a contact over within a few of them
+_COUPLED, _COUPLED_AT_MOST = 2e4, 8
 _FINE = 40  # moments for each sample at most, where a filter acts before sampling
 _FINEST = 4e4  # moments in a second, that are enough
 # times the cut-off, of a filter without a phase: its second pass is not over straight lines
@@ -81,9 +84,14 @@ def fineness(effects: Sequence[tuple[str, Mapping[str, float]]], channel: Binned
         if kind == 'low_pass_filter' and _acts_ahead(numbers, channel.sample_rate)
     ]
     if not ahead:
-        return 1
-    enough = min(_FINE, math.ceil(_FINEST / channel.sample_rate))
+        coupled = any(kind == 'ac_coupling' and numbers['corner'] > 0 for kind, numbers in effects)
+        return _fine_enough(channel, _COUPLED, _COUPLED_AT_MOST) if coupled else 1
+    enough = _fine_enough(channel, _FINEST, _FINE)
     return enough << max(_doubled(numbers, channel.sample_rate) for numbers in ahead)
+
+
+def _fine_enough(channel: BinnedChannel, rate: float, most: int) -> int:
+    return min(most, math.ceil(rate / channel.sample_rate))
 
 
 def _doubled(numbers: Mapping[str, float], rate: float) -> int:
