@@ -59,6 +59,23 @@ def test_a_fit_at_a_wrong_frequency_finds_the_right_one(ringing):
     assert best.values['base_compliance.frequency'] == pytest.approx(110.0, rel=0.03)
 
 
+def test_a_push_may_begin_at_another_moment(make_campaign):
+    """Slopes lead to no other one, and tell the one far too well."""
+    numbers = {'force': 0.05, 'start': 0.0, 'rise': 0.02}
+    effects = [Effect('external_push', numbers)]
+    campaign = make_campaign(65, effects, orientation='horizontal', duration=0.7)
+    without = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    listed = candidates(without, campaign.baseline_names)
+    push = next(c for c in listed if c.name == 'external_push')
+    model = push.extend(without.model)
+    late = {'external_push.force': 0.05, 'external_push.start': 0.045, 'external_push.rise': 1e-4}
+    there = fit(model, without.layout, model.vector({**without.values, **late}))
+    assert there.values['external_push.start'] > 0.04
+    best, _ = other_modes(there, [push])
+    assert best.chi_square < there.chi_square - 100.0
+    assert best.values['external_push.start'] < 0.01
+
+
 def test_a_fit_finds_lower_ground_by_way_of_the_first_contacts(ringing, monkeypatch):
     without, _ = ringing
     j = without.model.index('sensor.stiffness')

@@ -22,6 +22,7 @@ from impactscope.discrepancy.evidence import spread_over_minima
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.candidates.motion_scales import LARGEST_FREQUENCY
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit, fits_from
+from impactscope.discrepancy.impact.models.bench_model import Free
 from impactscope.discrepancy.impact.search.screening import Screening, Trial
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left
@@ -85,17 +86,13 @@ def other_modes(
 
     ``further``: numbers by key, of other starts.
     """
-    keys = [
-        number.key
-        for candidate in candidates
-        if candidate.amplitudes and not candidate.channel
-        for number in candidate.free
-        if number.logarithmic and number.blow is None and number.key not in candidate.amplitudes
-    ]
-    starts = [x for key in keys for x in _starts(final, key)]
+    shapes = [(c, _shape(c)) for c in candidates]
+    keys = [number.key for _, shape in shapes for number in shape]
+    starts = [x for _, s in shapes for f in s if f.logarithmic for x in _starts(final, f.key)]
     near = [final if float(np.max(np.abs(x - final.x))) < _NEAR else None for x in starts]
-    starts += [final.model.vector({**final.values, **values}) for values in further]
-    near += [None] * len(further)
+    elsewhere = [*further, *(known for c, shape in shapes for known in _moments(c, shape))]
+    starts += [final.model.vector({**final.values, **values}) for values in elsewhere]
+    near += [None] * len(elsewhere)
     found = [final]
     if starts and time_left(_OTHER_VALUES):
         model, layout = final.model, final.layout
@@ -114,6 +111,21 @@ def other_modes(
         if not any(_same(mode, other, keys) for other in (best, *modes)):
             modes.append(mode)
     return best, modes
+
+
+def _shape(candidate: Candidate) -> list[Free]:
+    """Numbers that shape an effect on the motion, beside those that are its strength."""
+    if candidate.channel or not candidate.amplitudes:
+        return []
+    return [f for f in candidate.free if f.blow is None and f.key not in candidate.amplitudes]
+
+
+def _moments(candidate: Candidate, shape: Sequence[Free]) -> list[dict[str, float]]:
+    """A shape with a moment in it as each start has it: no factor leads to another moment."""
+    if all(number.logarithmic for number in shape):
+        return []
+    keys = {number.key for number in shape}
+    return [{k: v for k, v in start.items() if k in keys} for start in candidate.starts]
 
 
 def lowest(found: Fit, candidates: Sequence[Candidate]) -> Fit:
@@ -165,8 +177,14 @@ def _starts(final: Fit, key: str) -> Iterator[Array]:
 
 
 def _same(mode: Fit, other: Fit, keys: Sequence[str]) -> bool:
-    """Whether two fits stand in one minimum, as far as the numbers of a shape go."""
-    return all(abs(mode.values[k] - other.values[k]) <= _ALIKE * other.std(k) for k in keys)
+    """Whether two fits stand in one minimum, as far as the numbers of a shape go.
+
+    At a bend of the motion slopes may tell nothing: the surer of the two says what is near.
+    """
+    return all(
+        abs(mode.values[k] - other.values[k]) <= _ALIKE * min(mode.std(k), other.std(k))
+        for k in keys
+    )
 
 
 def widened(
@@ -193,8 +211,9 @@ def widened(
         if key not in best.values or isinstance(item.value, str) or not item.std > 0.0:
             continue
         std = factors.get(key, 1.0) * item.std
-        stds = [std, *(mode.std(key) or std for mode in modes)]
         away = [0.0, *(abs(mode.values[key] - item.value) for mode in modes)]
+        # where slopes tell nothing in another minimum, no more than the way to the farthest one
+        stds = [std, *(min(mode.std(key) or std, max(std, *away)) for mode in modes)]
         result[name] = ParameterEstimate(
             item.value, spread_over_minima(stds, away, likely), item.unit
         )
