@@ -8,6 +8,7 @@ import pytest
 from scipy import stats
 
 from impactscope.discrepancy.answer import ParameterEstimate
+from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.fits.least_squares import Fit
 from impactscope.discrepancy.impact.models.bench_model import Free
 from impactscope.discrepancy.impact.search.other_minima import (
@@ -112,7 +113,7 @@ def test_what_rings_far_up_is_sought_along_the_valley_of_its_stiffness(monkeypat
 
     searched = 'impactscope.discrepancy.impact.search.other_minima'
     monkeypatch.setattr(f'{searched}.fits_from', barely_moving)
-    finding = SimpleNamespace(free=free, channel='', amplitudes={'f.mass': math.inf})
+    finding = Candidate('f', 'f', 'fixture', free=free, amplitudes={'f.mass': math.inf})
     best, _ = other_modes(final, [finding])
     assert best.chi_square == 50.0
     assert any(abs(x[1]) < 1e-12 and x[0] != 0.0 for x in tried)  # and with nothing moved along

@@ -68,7 +68,7 @@ class Candidate:
         return max(1, free + self._own) + self.implied
 
     @property
-    def _shape(self) -> list[Free]:
+    def shape(self) -> list[Free]:
         """Numbers that nobody states and that are not its strength.
 
         That is the first one where none is known to make it vanish, as the cut-off of a filter.
@@ -79,7 +79,7 @@ class Candidate:
     @property
     def of_several_shapes(self) -> bool:
         """Whether several numbers shape it in time: with minima that slopes do not lead to."""
-        return len(self._shape) > 1 and not any(f.key.endswith('.frequency') for f in self._shape)
+        return len(self.shape) > 1 and not any(f.key.endswith('.frequency') for f in self.shape)
 
     @property
     def _own(self) -> int:
@@ -104,7 +104,7 @@ class Candidate:
         ``joint``: a fit with it. Its strength, of which anything is credible, costs what a number
         costs that all samples tell; what shapes it no more than the fit tells of it.
         """
-        shape, own = self._shape, self._own
+        shape, own = self.shape, self._own
         told = _told(joint, shape, np.array([_spread(f) for f in shape])) if shape else 0.0
         samples = joint.layout.size
         cost = price(gain, self.cost - own - len(shape), own, samples)
@@ -135,8 +135,8 @@ class Candidate:
         """
         further = [f for f in self.free if f.key in self.amplitudes][1:]
         total = sum(abs(joint.values[key]) for key in self.amplitudes)
-        spreads = [total / math.sqrt(12.0)] * len(further) + [_spread(f) for f in self._shape]
-        return _told(joint, [*further, *self._shape], np.array(spreads))
+        spreads = [total / math.sqrt(12.0)] * len(further) + [_spread(f) for f in self.shape]
+        return _told(joint, [*further, *self.shape], np.array(spreads))
 
     def extend(self, model: ImpactModel) -> ImpactModel:
         """The model with this candidate in it."""

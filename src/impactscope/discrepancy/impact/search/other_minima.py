@@ -22,7 +22,6 @@ from impactscope.discrepancy.evidence import spread_over_minima
 from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.candidates.motion_scales import LARGEST_FREQUENCY
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit, fits_from
-from impactscope.discrepancy.impact.models.bench_model import Free
 from impactscope.discrepancy.impact.search.screening import Screening, Trial
 from impactscope.discrepancy.parallel import in_parallel
 from impactscope.discrepancy.time_limit import time_left
@@ -84,13 +83,16 @@ def other_modes(
 ) -> tuple[Fit, list[Fit]]:
     """The best fit, and others about as good, from either side of each number of a shape.
 
+    Where a moment is one of them, also from the shapes that the search set out from.
+
     ``further``: numbers by key, of other starts.
     """
-    shapes = [(c, _shape(c)) for c in candidates]
-    keys = [number.key for _, shape in shapes for number in shape]
-    starts = [x for _, s in shapes for f in s if f.logarithmic for x in _starts(final, f.key)]
+    acting = [c for c in candidates if c.amplitudes and not c.channel]
+    shape = [number for c in acting for number in c.shape]
+    keys = [number.key for number in shape]
+    starts = [x for f in shape if f.logarithmic for x in _starts(final, f.key)]
     near = [final if float(np.max(np.abs(x - final.x))) < _NEAR else None for x in starts]
-    elsewhere = [*further, *(known for c, shape in shapes for known in _moments(c, shape))]
+    elsewhere = [*further, *(known for c in acting for known in _moments(c))]
     starts += [final.model.vector({**final.values, **values}) for values in elsewhere]
     near += [None] * len(elsewhere)
     found = [final]
@@ -113,18 +115,11 @@ def other_modes(
     return best, modes
 
 
-def _shape(candidate: Candidate) -> list[Free]:
-    """Numbers that shape an effect on the motion, beside those that are its strength."""
-    if candidate.channel or not candidate.amplitudes:
-        return []
-    return [f for f in candidate.free if f.blow is None and f.key not in candidate.amplitudes]
-
-
-def _moments(candidate: Candidate, shape: Sequence[Free]) -> list[dict[str, float]]:
+def _moments(candidate: Candidate) -> list[dict[str, float]]:
     """A shape with a moment in it as each start has it: no factor leads to another moment."""
-    if all(number.logarithmic for number in shape):
+    if all(number.logarithmic for number in candidate.shape):
         return []
-    keys = {number.key for number in shape}
+    keys = {number.key for number in candidate.shape}
     return [{k: v for k, v in start.items() if k in keys} for start in candidate.starts]
 
 
@@ -213,7 +208,8 @@ def widened(
         std = factors.get(key, 1.0) * item.std
         away = [0.0, *(abs(mode.values[key] - item.value) for mode in modes)]
         # where slopes tell nothing in another minimum, no more than the way to the farthest one
-        stds = [std, *(min(mode.std(key) or std, max(std, *away)) for mode in modes)]
+        most = max(std, *away)
+        stds = [std, *(min(mode.std(key) or std, most) for mode in modes)]
         result[name] = ParameterEstimate(
             item.value, spread_over_minima(stds, away, likely), item.unit
         )
