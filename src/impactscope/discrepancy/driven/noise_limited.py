@@ -538,19 +538,25 @@ def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
     """
     alone = said.left and said.instead
     made = outcome.baseline if alone else outcome.best
-    left = fitted_chi_square(case.judge, made)
-    whole = left + whitened_logarithm(case) + priced(made, outcome.baseline)
-    if said.left:  # of the noise, which was judged with the law in it, the level is open
-        size = fitted_samples(case.judge)
+    left, size = fitted_chi_square(case.judge, made), fitted_samples(case.judge)
+    whole = whitened_logarithm(case) + priced(made, outcome.baseline)
+    if said.left:
         law = said.strongest
         taken = plain_gain(law) if leaves_noise(case, made, law) else law.gain
-        after = max(left - taken, NONE_LEFT * size)
-        anew = size * (1.0 + math.log(after / size)) + PRICE
-        whole += min(after, anew) if after < size else after
-        whole += PRICE * law.numbers - left
+        left = max(left - taken, NONE_LEFT * size)
+        whole += PRICE * law.numbers
     else:  # a level of its own in each recording is what slow noise has, at a price
         whole += (PRICE - OWN) * (made.own - outcome.baseline.own)
-    return whole
+    return whole + _of_any_level(left, size)
+
+
+def _of_any_level(left: float, size: int) -> float:
+    """Chi-square where the noise may be quieter than it was taken for, with a price for that.
+
+    Noise is judged with what is missing in it: what explains that leaves less than was supposed.
+    """
+    anew = size * (1.0 + math.log(left / size)) + PRICE
+    return min(left, anew) if left < size else left
 
 
 def _terms_of(found: tuple[Case, Outcome, Verdict]) -> frozenset[str]:

@@ -21,6 +21,7 @@ __all__ = [
     'other_friction',
     'other_levels',
     'other_zero',
+    'peak_at_rest',
     'plain_friction',
     'spring_of_position',
     'uneven_friction',
@@ -30,6 +31,7 @@ __all__ = [
 RELATIVES = ('stribeck_friction', 'asymmetric_friction')
 SLOW = ('offset', 'zero_drift', 'ac_coupling')
 UNEVEN = (1.3, 0.7)  # shares of a plain friction, from which one by direction sets out
+PEAK = (0.9, 0.2)  # shares of a plain friction: while sliding, and what is added at rest
 AS_GOOD = 4.0  # of the criterion, within which two laws are one
 
 
@@ -102,6 +104,30 @@ def plain_friction(fits: Fits, best: Fit, judge: Judge) -> Fit:
     return best if judge.fuller(made, best) else made
 
 
+def peak_at_rest(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """A friction that was found against one with a peak at rest, in its place.
+
+    How the peak falls off with the speed has minima of its own: a fit sets out from each of its
+    starts, from the size that is known.
+    """
+    old = next((t for t in best.terms if t.name in FRICTION), None)
+    peak = next((t for t in fits.model.terms if t.name == 'stribeck_friction'), None)
+    if old is None or peak is None or old in fits.baseline.terms:
+        return best
+    rest = tuple(t for t in best.terms if t is not old)
+    told = {n.name: best.values[key(old, n)] for n in old.numbers}
+    sliding = [v for name, v in told.items() if name.startswith(('force', 'kinetic_force'))]
+    if not sliding or not all(peak.stands_with(t) for t in rest):
+        return best
+    size = sum(sliding) / len(sliding) + 0.5 * told.get('excess_force', 0.0)
+    sizes = {'kinetic_force': PEAK[0] * size, 'excess_force': PEAK[1] * size}
+    initial = {key(peak, n): sizes.get(n.name, n.starts[0]) for n in peak.numbers}
+    speed = next(n for n in peak.numbers if n.name == 'speed')
+    for start in speed.starts:
+        fits.once_more(best, (*rest, peak), {**initial, key(peak, speed): start})
+    return _best(fits, judge)
+
+
 def other_friction(fits: Fits, best: Fit, judge: Judge) -> Fit:
     """A friction that differs by direction against one with a peak at rest and an offset.
 
@@ -138,7 +164,7 @@ def friction_of_baseline(fits: Fits, best: Fit, judge: Judge) -> Fit:
     known = {n.name: fits.baseline.values[key(old, n)] for n in old.numbers}
     size = known.pop('force')
     known |= {'force_forward': size, 'force_backward': size}
-    known |= {'kinetic_force': 0.9 * size, 'excess_force': 0.2 * size}
+    known |= {'kinetic_force': PEAK[0] * size, 'excess_force': PEAK[1] * size}
     for base in (fits.baseline, best):
         rest = tuple(t for t in base.terms if t is not old)
         for term in fits.model.terms:

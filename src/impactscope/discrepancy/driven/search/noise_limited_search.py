@@ -28,6 +28,7 @@ from impactscope.discrepancy.driven.search.alternative_laws import (
     other_friction,
     other_levels,
     other_zero,
+    peak_at_rest,
     plain_friction,
     spring_of_position,
     uneven_friction,
@@ -42,6 +43,7 @@ from impactscope.discrepancy.driven.search.other_minima import (
 from impactscope.discrepancy.driven.search.screening import (
     HOPE,
     Prospect,
+    of_each_shape,
     prospects,
     refined_start,
     screened,
@@ -61,6 +63,7 @@ FAR = 10.0  # times the samples: chi-square from which a search goes on from wha
 EDGE = 64  # samples at either end
 MORE = 0.25  # of reduced chi-square, that is more than noise
 OF_ALL = 3  # candidates that are fitted because all recordings together show them
+SHAPES = 6  # of an effect that are tried beside others
 OPEN = 6.0  # of a criterion: one in twenty, less than which rules nothing out
 MUCH = 0.5  # of what the best candidate explains
 FORM = 0.01  # of what a delay gains, that its form leaves open
@@ -116,10 +119,11 @@ def noise_limited_search(
         close = [f for f in _distinct(grown) if judge.criterion(f, baseline) < level + CLOSE]
         beam = close[:2]
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
-    best = _pruned(fits, best, judge)
+    best = _pruned(fits, _each_from_other_starts(fits, best, judge), judge)
     best = _pruned(fits, weight_in_place_of_cube(fits, best, judge), judge)
     best = base_in_place_of_play(fits, best, judge)
     best = _pruned(fits, uneven_friction(fits, best, judge), judge)
+    best = _pruned(fits, peak_at_rest(fits, best, judge), judge)
     best = _pruned(fits, plain_friction(fits, best, judge), judge)
     best = _pruned(fits, other_friction(fits, best, judge), judge)
     best = other_asymmetry(fits, best, judge)
@@ -333,6 +337,25 @@ def _inside(one: Fit, other: Fit, segments: Sequence[Segment]) -> float:
             fall = innovations(s, old) ** 2 - innovations(s, new) ** 2
             gain += float(np.sum(fall[EDGE:-EDGE]))
     return gain
+
+
+def _each_from_other_starts(fits: Fits, best: Fit, judge: NoiseJudge) -> Fit:
+    """Each of several effects that has a shape from the starts that promise most beside the rest.
+
+    Found alone it made up for the others, as a stop from the middle on does for a spring: no slope
+    leads back from there.
+    """
+    given = labels_of(fits.baseline.terms)
+    new = [t for t in best.terms if t.label not in given]
+    shaped = [t for t in new if any(n.name not in t.amounts for n in t.numbers)]
+    if len(new) < 2 or not shaped:
+        return best
+    for term in shaped:
+        others = fits.make(best, tuple(t for t in best.terms if t is not term), {})
+        looks = [look for look in fits.looks if look.term.label == term.label]
+        for p in of_each_shape(fits.model, others, looks, fits.segments)[:SHAPES]:
+            fits.once_more(others, (*others.terms, p.term), p.initial)
+    return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))
 
 
 def _against_rivals(fits: Fits, best: Fit, judge: NoiseJudge) -> Fit:

@@ -21,7 +21,15 @@ from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
 
-__all__ = ['HOPE', 'Prospect', 'ScreenedStart', 'prospects', 'refined_start', 'screened']
+__all__ = [
+    'HOPE',
+    'Prospect',
+    'ScreenedStart',
+    'of_each_shape',
+    'prospects',
+    'refined_start',
+    'screened',
+]
 
 Array = NDArray[np.float64]
 
@@ -128,6 +136,21 @@ def prospects(
         other = again[0].initial if len(again) > 1 and again[0].gain > HOPE else None
         found.append(dataclasses.replace(again[-1], other=other))
     return sorted(found, key=lambda p: -p.gain)
+
+
+def of_each_shape(
+    model: Model, made: Fit, candidates: Sequence[ScreenedStart], segments: Sequence[Segment]
+) -> list[Prospect]:
+    """The best start of every shape of some candidates, beside a fit, the best one first."""
+    here = linearised(model, made, segments)
+    best: dict[tuple[str, ...], Prospect] = {}
+    for look in candidates:
+        amounts = {key(look.term, n) for n in look.term.numbers if n.name in look.term.amounts}
+        shape = look.term.label, *(f'{k} {v}' for k, v in look.start.items() if k not in amounts)
+        now = look.prospect(here, made.values)
+        if shape not in best or _near(now) > _near(best[shape]):
+            best[shape] = now
+    return sorted((p for p in best.values() if p.gain >= HOPE), key=lambda p: -p.gain)
 
 
 def _near(prospect: Prospect) -> tuple[float, bool, float]:
