@@ -31,6 +31,7 @@ from impactscope.discrepancy.driven.findings.residual_size import (
     more_than_noise,
 )
 from impactscope.discrepancy.driven.findings.subject import Subject
+from impactscope.discrepancy.driven.fits.innovations import innovations
 from impactscope.discrepancy.driven.fits.simulation_error import Fit, fit
 from impactscope.discrepancy.driven.model_selection.chi_square import (
     OWN,
@@ -99,6 +100,7 @@ MOSTLY_SLOW = 2.0  # times its changes from sample to sample: what is left is mo
 PROSPECTS, STEPS = 4, 2  # effects that are fitted, each beside the best one before
 MOST_LOOKED_AT = 45_000  # samples of a plate far from its noise that are looked at so
 LEVEL = 0.02  # relative change of the noise's level that matters
+SAME = 1e-3  # the same, below which a search would find the same
 CLOSER = (2.0, 4.0, 8.0)  # times as many knots, in which a finding has to show as well
 STAYS = 0.5  # of its gain
 CLOSER_COURSE = (
@@ -400,7 +402,8 @@ def _exact(
         likely = [
             k
             for k in dict.fromkeys(tries)
-            if k not in searched and whitened_logarithm(k) < _misfit(*best)
+            if not any(k is s or _alike(k, s, SAME) for s in searched)
+            and whitened_logarithm(k) < _misfit(*best)
         ]
         searched.update(likely)
         if not likely:
@@ -597,21 +600,34 @@ def _repeated(
             break  # noise of a colour is all that there is
         if erred and _errs(answer):
             break  # knowing the noise better does not help
-        if not time_left('the noise judged anew by what was found'):
-            break
         erred = _errs(answer)
         again = anew(case, outcome.best)
         if again is None or _alike(case, again):
+            break
+        if not time_left('the noise judged anew by what was found') and _stands(
+            campaign, again, outcome.best
+        ):
             break
         case = again
         found = _exact(campaign, case, notes, tell, seed=outcome.best)
     return found
 
 
-def _alike(one: Case, other: Case) -> bool:
-    """Whether two cases take the noise for the same."""
+def _stands(campaign: Campaign, case: Case, found: Fit) -> bool:
+    """Whether what was found is to be believed in another noise, too."""
+    baseline = with_known(campaign, case.model, case.segments, case.baseline)
+    if not labels_of(found.terms) - labels_of(baseline.terms):
+        return True  # nothing was found
+    case.judge.reference = baseline
+    made = fit(case.model, found.terms, case.segments, found.values, found.starts)
+    return case.judge.better(baseline, made)
+
+
+def _alike(one: Case, other: Case, level: float = LEVEL) -> bool:
+    """Whether two cases take the noise for the same, up to a relative change of its level."""
     return all(
-        abs(math.log(float(np.linalg.norm(a.whitener(p)) / np.linalg.norm(b.whitener(p))))) < LEVEL
+        abs(math.log(float(np.linalg.norm(innovations(a, p)) / np.linalg.norm(innovations(b, p)))))
+        < level
         for a, b in zip(one.segments, other.segments, strict=True)
         if a.whitener is not None and b.whitener is not None
         for white in [np.random.default_rng(0).standard_normal(a.measured.size)]

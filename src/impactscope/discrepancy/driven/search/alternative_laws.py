@@ -23,6 +23,7 @@ __all__ = [
     'other_zero',
     'peak_at_rest',
     'plain_friction',
+    'spring_beside_stop',
     'spring_of_position',
     'uneven_friction',
     'weight_in_place_of_cube',
@@ -63,6 +64,29 @@ def base_in_place_of_play(fits: Fits, best: Fit, judge: Judge) -> Fit:
     made = fits.once_more(best, (*rest, base), initial)
     ahead = judge.criterion(made, fits.baseline) < judge.criterion(best, fits.baseline)
     return made if ahead else best
+
+
+def spring_beside_stop(fits: Fits, best: Fit, judge: Judge) -> Fit:
+    """A stop of an axis against a stop beside a spring that the axis is said not to have.
+
+    Alone it begins half-way, so as to be a spring as well, and what it misses looks like a load
+    or a friction; beside a spring it begins where it is.
+    """
+    stop = next((t for t in best.terms if t.name == 'end_stop'), None)
+    spring = next((t for t in fits.model.terms if t.label == 'restoring_force'), None)
+    if stop is None or spring is None or not fits.model.drifts:
+        return best
+    if spring.label in labels_of(best.terms):
+        return best
+    rest = tuple(t for t in best.terms if t is not stop and spring.stands_with(t))
+    given = tuple(t for t in rest if t.label in labels_of(fits.baseline.terms))
+    start = {key(spring, n): n.starts[0] for n in spring.numbers}
+    for others in dict.fromkeys((rest, given)):
+        beside = fits.make(best, (*others, spring), start)
+        for term in fits.model.terms:
+            if term.name == stop.name and all(term.stands_with(t) for t in beside.terms):
+                fits.from_each_shape(beside, term)
+    return _best(fits, judge)
 
 
 def weight_in_place_of_cube(fits: Fits, best: Fit, judge: Judge) -> Fit:

@@ -19,6 +19,7 @@ from impactscope.discrepancy.driven.search.screening import (
     HOPE,
     Prospect,
     ScreenedStart,
+    of_each_shape,
     prospects,
     screened,
 )
@@ -34,6 +35,7 @@ BRIEF, EVALUATIONS = 5, 15  # at first, and then where it is worth it
 LEAST_STD = 1e-5
 ROUGH_STD = 0.03  # by which numbers with rough slopes differ from one start to another
 LONG = 40  # where everything depends on it
+SHAPES = 6  # of an effect that are tried beside others
 LOST = 1000.0  # chi-square by which a fit is behind the best
 POLISHED = 'polished'
 # of the low-pass that is looked for before its other orders are: one with a delay shows that
@@ -197,6 +199,17 @@ class Fits:
     def trial(self, base: Fit, terms: tuple[Term, ...], initial: Mapping[str, float]) -> Fit:
         """A fit with these terms from another place, which is not kept."""
         return self._fit(base, terms, initial, self._least())
+
+    def from_each_shape(self, base: Fit, term: Term) -> None:
+        """A term beside others from each of the shapes that promise most there.
+
+        The best of these fits is followed to its end.
+        """
+        looks = [look for look in self.looks if look.term.label == term.label]
+        chosen = of_each_shape(self.model, base, looks, self.segments)[:SHAPES]
+        made = [self.trial(base, (*base.terms, p.term), p.initial) for p in chosen]
+        if made:
+            self._better(self._to_the_end(min(made, key=self.misfit)))
 
     def put(self, made: Fit) -> Fit:
         """The fit that counts as the one with its terms from now on."""

@@ -30,6 +30,7 @@ from impactscope.discrepancy.driven.search.alternative_laws import (
     other_zero,
     peak_at_rest,
     plain_friction,
+    spring_beside_stop,
     spring_of_position,
     uneven_friction,
     weight_in_place_of_cube,
@@ -43,7 +44,6 @@ from impactscope.discrepancy.driven.search.other_minima import (
 from impactscope.discrepancy.driven.search.screening import (
     HOPE,
     Prospect,
-    of_each_shape,
     prospects,
     refined_start,
     screened,
@@ -63,7 +63,6 @@ FAR = 10.0  # times the samples: chi-square from which a search goes on from wha
 EDGE = 64  # samples at either end
 MORE = 0.25  # of reduced chi-square, that is more than noise
 OF_ALL = 3  # candidates that are fitted because all recordings together show them
-SHAPES = 6  # of an effect that are tried beside others
 OPEN = 6.0  # of a criterion: one in twenty, less than which rules nothing out
 MUCH = 0.5  # of what the best candidate explains
 FORM = 0.01  # of what a delay gains, that its form leaves open
@@ -120,6 +119,7 @@ def noise_limited_search(
         beam = close[:2]
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
     best = _pruned(fits, _each_from_other_starts(fits, best, judge), judge)
+    best = _pruned(fits, spring_beside_stop(fits, best, judge), judge)
     best = _pruned(fits, weight_in_place_of_cube(fits, best, judge), judge)
     best = base_in_place_of_play(fits, best, judge)
     best = _pruned(fits, uneven_friction(fits, best, judge), judge)
@@ -352,9 +352,7 @@ def _each_from_other_starts(fits: Fits, best: Fit, judge: NoiseJudge) -> Fit:
         return best
     for term in shaped:
         others = fits.make(best, tuple(t for t in best.terms if t is not term), {})
-        looks = [look for look in fits.looks if look.term.label == term.label]
-        for p in of_each_shape(fits.model, others, looks, fits.segments)[:SHAPES]:
-            fits.once_more(others, (*others.terms, p.term), p.initial)
+        fits.from_each_shape(others, term)
     return min(fits.known.values(), key=lambda f: judge.criterion(f, fits.baseline))
 
 
