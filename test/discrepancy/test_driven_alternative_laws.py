@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
-from impactscope.discrepancy.driven.search.alternative_laws import plain_friction
+from impactscope.discrepancy.driven.search.alternative_laws import peak_at_rest, plain_friction
 from impactscope.discrepancy.driven.search.joint_fits import Fits, labels_of
 
 RATE, SAMPLES, NOISE = 1000.0, 4000, 0.3
@@ -80,6 +80,44 @@ def test_plain_friction_is_tried_again_where_it_had_stood_still(again, taken):
     found = plain_friction(Tried(), best, judge)
     assert (found is not best) is taken
     assert began == [{'coulomb_friction.force': pytest.approx(0.5)}]
+
+
+def test_a_peak_at_rest_is_tried_from_each_of_its_speeds():
+    """From one alone it had ended as a friction that fades over the whole range of speeds."""
+    force = SimpleNamespace(name='force', starts=(0.01,))
+    plain = SimpleNamespace(label='coulomb_friction', name='coulomb_friction', numbers=(force,))
+    starts = {'kinetic_force': (0.04,), 'excess_force': (0.04,), 'speed': (0.001, 0.01, 0.2)}
+    peaked = SimpleNamespace(
+        label='stribeck_friction',
+        name='stribeck_friction',
+        numbers=tuple(SimpleNamespace(name=n, starts=s) for n, s in starts.items()),
+        stands_with=lambda _: True,
+    )
+    bare = SimpleNamespace(terms=(), left=90.0)
+    best = SimpleNamespace(terms=(plain,), values={'coulomb_friction.force': 2.0}, left=22.0)
+    began = []
+
+    class Tried(Fits):
+        def __init__(self):
+            self.baseline = bare
+            self.model = SimpleNamespace(terms=(plain, peaked))
+            self.known = {labels_of(f.terms): f for f in (bare, best)}
+
+        def misfit(self, made):
+            return made.left
+
+        def _fit(self, base, terms, initial, _least):
+            began.append(initial)
+            near = initial['stribeck_friction.speed'] == 0.01
+            return SimpleNamespace(terms=terms, left=11.0 if near else 40.0)
+
+    judge = SimpleNamespace(criterion=lambda made, _: made.left)
+    found = peak_at_rest(Tried(), best, judge)
+    assert (found.terms, found.left) == ((peaked,), 11.0)
+    assert [b['stribeck_friction.speed'] for b in began] == [0.001, 0.01, 0.2]
+    for begin in began:
+        assert begin['stribeck_friction.kinetic_force'] == pytest.approx(1.8)
+        assert begin['stribeck_friction.excess_force'] == pytest.approx(0.4)
 
 
 def test_a_pendulum_in_air_swings_by_its_weight():

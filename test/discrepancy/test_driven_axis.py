@@ -356,6 +356,24 @@ def test_a_stop_that_is_just_reached_is_told_though_it_is_known_roughly(stiffnes
     assert answer.fit.extended.held_out_reduced_chi_square > 100.0
 
 
+@pytest.mark.parametrize(
+    ('seed', 'soft', 'stop', 'travel'), [(32, 0.2, 1.0, 0.03), (37, 1.0, 2.0, 0.025)]
+)
+def test_a_stop_beside_a_spring_that_the_axis_is_said_not_to_have(seed, soft, stop, travel):
+    """Found alone a stop begins half-way, so as to be a spring, too, and leaves what looks like
+    a cubic one, or like a friction that differs by direction."""
+    answer = explain_driven(closed_loop(seed, spring=(soft, 0.0, stop, travel), seconds=2.0))
+    assert answer.accepted == ('restoring_force', 'end_stop')
+    told = {f.name: f.parameters for f in answer.findings}
+    for name, number, true in (
+        ('restoring_force', 'stiffness', soft),
+        ('end_stop', 'stiffness', stop),
+        ('end_stop', 'travel', travel),
+    ):
+        found = told[name][number]
+        assert abs(found.value - true) < 4.0 * found.std
+
+
 def test_a_base_that_the_drive_pushes_back():
     """The encoder reads the axis against the base, which rings at 9 Hz."""
     under = 400.0

@@ -11,8 +11,12 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven, noise_limited
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import UnmodelledLaw, equivalent_gain
+from impactscope.discrepancy.driven.fits.simulation_error import Fit
+from impactscope.discrepancy.driven.model_selection.chi_square import PRICE, NoiseJudge
+from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.search.beam_search import Outcome
 from impactscope.discrepancy.driven.search.other_minima import foretelling
+from impactscope.discrepancy.time_limit import time_limited
 
 RATE, SAMPLES, NOISE = 4000.0, 2000, 0.1
 MASS, DAMPING, STIFFNESS = 1.6, 12.0, 1.6 * (2 * math.pi * 34.0) ** 2
@@ -251,3 +255,66 @@ def test_a_rival_is_asked_again_where_a_deeper_minimum_is_foretold_worse(
     found, said = noise_limited._with_other_minima(SimpleNamespace(judge=judge), outcome, 'play')
     assert found.best.name == said == chosen  # a verdict is of what is told
     assert {f.name for f in (found.best, *found.rivals)} == {'play', 'base'}
+
+
+@pytest.mark.parametrize('loud', [1.0, 1.08, 1.3])
+def test_noise_that_was_taken_for_too_loud_is_as_likely_as_if_it_had_been_known(loud):
+    """Slow noise would win else: its level is judged by what is left."""
+    count = 20_000
+    left = 0.1 * np.random.default_rng(3).standard_normal(count)
+    taken = 0.1 * loud
+    segments = [
+        Segment(
+            'r.mcap',
+            'acceleration.plate',
+            'm/s^2',
+            False,
+            0.0,
+            1.0 / RATE,
+            left,
+            np.zeros((1, count)),
+            noise=taken,
+            whitener=lambda r: r / taken,
+        )
+    ]
+    bare = Fit((), {}, {}, (), (left,), 0)
+    case = SimpleNamespace(judge=NoiseJudge(segments), segments=segments)
+    nothing = SimpleNamespace(left=False)
+    misfit = noise_limited._misfit(case, Outcome(bare, bare, (), believed=False), nothing)
+    known = float(np.sum((left / 0.1) ** 2)) - count * math.log(loud**2)
+    assert misfit == pytest.approx(known, abs=PRICE + 2.0)
+
+
+@pytest.mark.parametrize(('stands', 'searches'), [(True, 1), (False, 2)])
+def test_a_finding_has_to_stand_in_the_noise_that_it_leaves_even_without_time(
+    monkeypatch, stands, searches
+):
+    """Noise judged with something else in it makes a finding of what is none."""
+    term = SimpleNamespace(label='offset')
+    bare, found = SimpleNamespace(terms=()), SimpleNamespace(terms=(term,), values={}, starts=())
+    judge = SimpleNamespace(better=lambda _small, _large: stands)
+    anew = SimpleNamespace(
+        model=SimpleNamespace(drifts=True), judge=judge, segments=(), baseline=bare
+    )
+    answer = SimpleNamespace(accepted=('offset',), notes=())
+    searched = []
+
+    def exact(_campaign, case, *_args, **_kwargs):
+        searched.append(case)
+        best = found if len(searched) == 1 else bare
+        return SimpleNamespace(answer=answer, outcome=SimpleNamespace(best=best))
+
+    for name, value in {
+        '_exact': exact,
+        '_alike': lambda one, other: one is other,
+        '_errs': lambda _answer: False,
+        'reduced': lambda *_: 1.0,
+        'with_known': lambda *_: bare,
+        'fit': lambda *_: found,
+    }.items():
+        monkeypatch.setattr(noise_limited, name, value)
+    first = SimpleNamespace(model=anew.model, judge=judge)
+    with time_limited(0.0):
+        made = noise_limited._repeated(None, first, lambda *_: anew, (), lambda *_: None)
+    assert len(searched) == searches
+    assert made.outcome.best is (found if stands else bare)
