@@ -5,10 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.model_selection import chi_square as module
-from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge, degenerate
+from impactscope.discrepancy.driven.model_selection.chi_square import (
+    BETWEEN,
+    NoiseJudge,
+    degenerate,
+)
 from impactscope.discrepancy.driven.model_selection.model_comparison import Gain
 from impactscope.discrepancy.driven.models.channel_effects import channel_terms
+from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.terms import key
 
 
@@ -95,3 +101,41 @@ def test_what_chance_takes_of_the_noise_is_for_belief_and_not_between_laws():
     plain, less = calm.worth(baseline, friction), wary.worth(baseline, friction)
     assert plain.fitted - less.fitted == pytest.approx(4.0 * 2.0)
     assert plain.held_out - less.held_out == pytest.approx(4.0 * 2.0 / 2.0)
+
+
+@pytest.mark.parametrize(
+    ('effect', 'name', 'told'),
+    [
+        (170.0, 'mains_hum', True),  # the filter acts elsewhere
+        (50.0, 'mains_hum', False),  # it acts at this line: its error may look like a hum
+        (170.0, 'zero_drift', False),  # what has no line of its own goes by the whole
+    ],
+)
+def test_an_error_of_a_filter_is_no_hum_where_the_filter_does_not_act(effect, name, told):
+    time = np.arange(4000) / 1000.0
+    noise = np.random.default_rng(2).standard_normal(time.size)
+    strong, weak = 70.0 * np.sin(2 * np.pi * effect * time), 0.2 * np.sin(2 * np.pi * 50.0 * time)
+    segment = Segment(
+        'r.mcap',
+        'acceleration.processed',
+        'm/s^2',
+        False,
+        0.0,
+        1e-3,
+        strong + weak + noise,
+        np.zeros((1, time.size)),
+        noise=1.0,
+        whitener=lambda r: r,
+    )
+    low_pass, added = (
+        SimpleNamespace(label=n, name=n, numbers=(), rough=False, own=0, looks=1.0)
+        for n in ('low_pass_filter', name)
+    )
+    judge = NoiseJudge([segment])
+    bare = Fit((), {}, {}, (), (strong + weak + noise,), 0)
+    small = Fit((low_pass,), {}, {}, (), (weak + noise,), 1)
+    large = Fit((low_pass, added), {}, {}, (), (noise,), 3)
+    judge.reference = bare
+    assert judge.gain(bare, small).fitted * BETWEEN**2 > 800.0
+    assert judge.gain(small, large).fitted > 60.0
+    assert judge.better(small, large) is told

@@ -211,16 +211,44 @@ class NoiseJudge(Judge):
         least = least_gain(max(gain.numbers, 1), looks, self.thresholds.false_finding)
         if reduced(self, large) < SOUND and reduced(self, small) > UNSOUND:
             return gain.total > least  # no error of a law is explained to the noise
-        return gain.total > least + self.beside(small)
+        return gain.total > least + self.beside(small, large)
 
-    def beside(self, small: Fit) -> float:
-        """Gain that says nothing beside what ``small`` has gained already."""
+    def beside(self, small: Fit, large: Fit | None = None) -> float:
+        """Gain that says nothing beside what ``small`` has gained already.
+
+        Of a hum, which ``large`` may have: the error of a filter or a clock is at frequencies
+        where these act.
+        """
         if self.reference is None or small is self.reference:
             return 0.0
         share = slight(small)
+        jumps = any(t.rough for t in small.terms)
         if unsteady_turns(small.terms, small.values, self.segments):
-            share = max(share, BETWEEN**2)
-        return share * max(self.gain(self.reference, small).fitted, 0.0)
+            share, jumps = max(share, BETWEEN**2), True
+        gained = share * max(self.gain(self.reference, small).fitted, 0.0)
+        if large is None or jumps or not _hums(small, large):
+            return gained
+        return gained * self._same_lines(self.reference, small, large)
+
+    def _same_lines(self, reference: Fit, small: Fit, large: Fit) -> float:
+        """Share of what one fit has gained that lies at the lines of what another adds.
+
+        An error of no more than a share of the former's effect at each line explains, along the
+        latter's, no more than this part of it (Cauchy and Schwarz).
+        """
+        together = effect = added = 0.0
+        parts = zip(
+            self.segments, reference.residuals, small.residuals, large.residuals, strict=True
+        )
+        for s, first, then, last in parts:
+            if s.held_out:
+                continue
+            mine = np.abs(np.fft.rfft(innovations(s, first - then)))
+            new = np.abs(np.fft.rfft(innovations(s, then - last)))
+            together += float(mine @ new)
+            effect += float(mine @ mine)
+            added += float(new @ new)
+        return together**2 / (effect * added) if effect * added > 0.0 else 1.0
 
     def criterion(self, fit: Fit, reference: Fit) -> float:
         """Minus the gain over a reference, and a price for every number: smaller is better."""
@@ -237,6 +265,13 @@ class NoiseJudge(Judge):
         gain = self.worth(small, large)
         looks = round(self.looks * _looks(small, large))
         return family_p_value(max(gain.total, 0.0), max(gain.numbers, 1), looks)
+
+
+def _hums(small: Fit, large: Fit) -> bool:
+    """Whether all that one fit has beyond another is a hum of the mains."""
+    had = {t.label for t in small.terms}
+    new = [t for t in large.terms if t.label not in had]
+    return bool(new) and all(t.name == 'mains_hum' for t in new)
 
 
 def _looks(small: Fit, large: Fit) -> float:
