@@ -47,75 +47,59 @@ def test_a_coupling_beside_an_offset():
     assert abs(level.value + 0.08) < 4.0 * level.std < 0.08
 
 
+def law(name, **starts):
+    """A law with numbers, by their first values."""
+    numbers = tuple(SimpleNamespace(name=n, starts=s) for n, s in starts.items())
+    return SimpleNamespace(label=name, name=name, numbers=numbers, stands_with=lambda _: True)
+
+
+PLAIN = law('coulomb_friction', force=(0.01,))
+PEAKED = law(
+    'stribeck_friction', kinetic_force=(0.04,), excess_force=(0.04,), speed=(0.001, 0.01, 0.2)
+)
+
+
+class Tried(Fits):
+    """Fits that end with what ``ends`` tells of their beginning, which is kept."""
+
+    def __init__(self, known, ends):
+        self.model = SimpleNamespace(terms=(PLAIN, PEAKED))
+        self.baseline = SimpleNamespace(terms=(), left=90.0)
+        self.known = {labels_of(f.terms): f for f in known}
+        self.ends, self.began = ends, []
+
+    def misfit(self, made):
+        return made.left
+
+    def _fit(self, base, terms, initial, _least):
+        self.began.append(initial)
+        return SimpleNamespace(terms=terms, left=self.ends(initial))
+
+
 @pytest.mark.parametrize(('again', 'taken'), [(21.0, True), (90.0, False)])
 def test_plain_friction_is_tried_again_where_it_had_stood_still(again, taken):
     """Met before a play beside it was known, it may have stopped where no slope leads on."""
-    force = SimpleNamespace(name='force')
-    plain = SimpleNamespace(label='coulomb_friction', name='coulomb_friction', numbers=(force,))
-    peaked = SimpleNamespace(
-        label='stribeck_friction',
-        name='stribeck_friction',
-        numbers=tuple(SimpleNamespace(name=n) for n in ('kinetic_force', 'excess_force', 'speed')),
-    )
     sizes = {'kinetic_force': 0.1, 'excess_force': 0.8, 'speed': 0.2}
     best = SimpleNamespace(
-        terms=(peaked,), values={f'stribeck_friction.{k}': v for k, v in sizes.items()}, left=22.0
+        terms=(PEAKED,), values={f'stribeck_friction.{k}': v for k, v in sizes.items()}, left=22.0
     )
-    stuck = SimpleNamespace(terms=(plain,), left=66.0)
-    began = []
-
-    class Tried(Fits):
-        def __init__(self):
-            self.model = SimpleNamespace(terms=(plain, peaked))
-            self.known = {labels_of(f.terms): f for f in (best, stuck)}
-
-        def misfit(self, made):
-            return made.left
-
-        def _fit(self, base, terms, initial, _least):
-            began.append(initial)
-            return SimpleNamespace(terms=terms, left=again)
-
+    stuck = SimpleNamespace(terms=(PLAIN,), left=66.0)
+    fits = Tried((best, stuck), lambda _: again)
     judge = SimpleNamespace(fuller=lambda small, large: large.left < small.left)
-    found = plain_friction(Tried(), best, judge)
+    found = plain_friction(fits, best, judge)
     assert (found is not best) is taken
-    assert began == [{'coulomb_friction.force': pytest.approx(0.5)}]
+    assert fits.began == [{'coulomb_friction.force': pytest.approx(0.5)}]
 
 
 def test_a_peak_at_rest_is_tried_from_each_of_its_speeds():
     """From one alone it had ended as a friction that fades over the whole range of speeds."""
-    force = SimpleNamespace(name='force', starts=(0.01,))
-    plain = SimpleNamespace(label='coulomb_friction', name='coulomb_friction', numbers=(force,))
-    starts = {'kinetic_force': (0.04,), 'excess_force': (0.04,), 'speed': (0.001, 0.01, 0.2)}
-    peaked = SimpleNamespace(
-        label='stribeck_friction',
-        name='stribeck_friction',
-        numbers=tuple(SimpleNamespace(name=n, starts=s) for n, s in starts.items()),
-        stands_with=lambda _: True,
-    )
-    bare = SimpleNamespace(terms=(), left=90.0)
-    best = SimpleNamespace(terms=(plain,), values={'coulomb_friction.force': 2.0}, left=22.0)
-    began = []
-
-    class Tried(Fits):
-        def __init__(self):
-            self.baseline = bare
-            self.model = SimpleNamespace(terms=(plain, peaked))
-            self.known = {labels_of(f.terms): f for f in (bare, best)}
-
-        def misfit(self, made):
-            return made.left
-
-        def _fit(self, base, terms, initial, _least):
-            began.append(initial)
-            near = initial['stribeck_friction.speed'] == 0.01
-            return SimpleNamespace(terms=terms, left=11.0 if near else 40.0)
-
-    judge = SimpleNamespace(criterion=lambda made, _: made.left)
-    found = peak_at_rest(Tried(), best, judge)
-    assert (found.terms, found.left) == ((peaked,), 11.0)
-    assert [b['stribeck_friction.speed'] for b in began] == [0.001, 0.01, 0.2]
-    for begin in began:
+    best = SimpleNamespace(terms=(PLAIN,), values={'coulomb_friction.force': 2.0}, left=22.0)
+    speed = 'stribeck_friction.speed'
+    fits = Tried((best,), lambda initial: 11.0 if initial[speed] == 0.01 else 40.0)
+    found = peak_at_rest(fits, best, SimpleNamespace(criterion=lambda made, _: made.left))
+    assert (found.terms, found.left) == ((PEAKED,), 11.0)
+    assert [begin[speed] for begin in fits.began] == [0.001, 0.01, 0.2]
+    for begin in fits.began:
         assert begin['stribeck_friction.kinetic_force'] == pytest.approx(1.8)
         assert begin['stribeck_friction.excess_force'] == pytest.approx(0.4)
 

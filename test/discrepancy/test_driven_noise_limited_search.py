@@ -314,7 +314,8 @@ def test_a_finding_has_to_stand_in_the_noise_that_it_leaves_even_without_time(
     }.items():
         monkeypatch.setattr(noise_limited, name, value)
     first = SimpleNamespace(model=anew.model, judge=judge)
-    with time_limited(0.0):
+    with time_limited(0.0) as limit:
         made = noise_limited._repeated(None, first, lambda *_: anew, (), lambda *_: None)
     assert len(searched) == searches
+    assert bool(limit.left_out) is stands  # what was done is not told as left out
     assert made.outcome.best is (found if stands else bare)

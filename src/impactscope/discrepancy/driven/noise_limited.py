@@ -402,7 +402,7 @@ def _exact(
         likely = [
             k
             for k in dict.fromkeys(tries)
-            if not any(k is s or _alike(k, s, SAME) for s in searched)
+            if not any(_alike(k, s, SAME) for s in searched)
             and whitened_logarithm(k) < _misfit(*best)
         ]
         searched.update(likely)
@@ -604,8 +604,9 @@ def _repeated(
         again = anew(case, outcome.best)
         if again is None or _alike(case, again):
             break
-        if not time_left('the noise judged anew by what was found') and _stands(
-            campaign, again, outcome.best
+        # what does not stand in it is searched anew, with time or without
+        if _stands(campaign, again, outcome.best) and not time_left(
+            'the noise judged anew by what was found'
         ):
             break
         case = again

@@ -18,7 +18,7 @@ from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.model_selection.model_comparison import Gain, Judge
 from impactscope.discrepancy.driven.model_selection.overdispersion import worth_of
 from impactscope.discrepancy.driven.models.model import Segment
-from impactscope.discrepancy.driven.models.terms import key
+from impactscope.discrepancy.driven.models.terms import Term, key
 from impactscope.discrepancy.evidence import Thresholds, family_p_value, least_gain
 
 __all__ = [
@@ -269,15 +269,18 @@ class NoiseJudge(Judge):
 
 def _hums(small: Fit, large: Fit) -> bool:
     """Whether all that one fit has beyond another is a hum of the mains."""
-    had = {t.label for t in small.terms}
-    new = [t for t in large.terms if t.label not in had]
+    new = _beyond(small, large)
     return bool(new) and all(t.name == 'mains_hum' for t in new)
 
 
 def _looks(small: Fit, large: Fit) -> float:
     """Places in which what one fit has beyond another was looked for."""
+    return math.prod(t.looks for t in _beyond(small, large))
+
+
+def _beyond(small: Fit, large: Fit) -> list[Term]:
     had = {t.label for t in small.terms}
-    return math.prod(t.looks for t in large.terms if t.label not in had)
+    return [t for t in large.terms if t.label not in had]
 
 
 def reduced(judge: NoiseJudge, made: Fit) -> float:

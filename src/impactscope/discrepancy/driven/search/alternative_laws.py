@@ -31,6 +31,7 @@ __all__ = [
 
 RELATIVES = ('stribeck_friction', 'asymmetric_friction')
 SLOW = ('offset', 'zero_drift', 'ac_coupling')
+SLIDING = ('force', 'force_forward', 'force_backward', 'kinetic_force')
 UNEVEN = (1.3, 0.7)  # shares of a plain friction, from which one by direction sets out
 PEAK = (0.9, 0.2)  # shares of a plain friction: while sliding, and what is added at rest
 AS_GOOD = 4.0  # of the criterion, within which two laws are one
@@ -117,13 +118,11 @@ def plain_friction(fits: Fits, best: Fit, judge: Judge) -> Fit:
     old = next((t for t in best.terms if t.name in FRICTION and len(t.numbers) > 1), None)
     if plain is None or old is None:
         return best
-    sides = ('force_forward', 'force_backward', 'kinetic_force')
-    forces = [best.values[key(old, n)] for n in old.numbers if n.name in sides]
-    if not forces:
+    size = _plain_size(best, old)
+    if size is None:
         return best
     rest = tuple(t for t in best.terms if t is not old)
-    excess = sum(best.values[key(old, n)] for n in old.numbers if n.name == 'excess_force')
-    initial = {key(plain, plain.numbers[0]): sum(forces) / len(forces) + 0.5 * excess}
+    initial = {key(plain, plain.numbers[0]): size}
     made = fits.once_more(best, (*rest, plain), initial)
     return best if judge.fuller(made, best) else made
 
@@ -139,11 +138,9 @@ def peak_at_rest(fits: Fits, best: Fit, judge: Judge) -> Fit:
     if old is None or peak is None or old in fits.baseline.terms:
         return best
     rest = tuple(t for t in best.terms if t is not old)
-    told = {n.name: best.values[key(old, n)] for n in old.numbers}
-    sliding = [v for name, v in told.items() if name.startswith(('force', 'kinetic_force'))]
-    if not sliding or not all(peak.stands_with(t) for t in rest):
+    size = _plain_size(best, old)
+    if size is None or not all(peak.stands_with(t) for t in rest):
         return best
-    size = sum(sliding) / len(sliding) + 0.5 * told.get('excess_force', 0.0)
     sizes = {'kinetic_force': PEAK[0] * size, 'excess_force': PEAK[1] * size}
     initial = {key(peak, n): sizes.get(n.name, n.starts[0]) for n in peak.numbers}
     speed = next(n for n in peak.numbers if n.name == 'speed')
@@ -329,6 +326,15 @@ def _instead(fits: Fits, best: Fit, old: Term, new: Term, number: float) -> Fit 
     if not all(new.stands_with(t) for t in rest):
         return None
     return fits.polish(fits.once_more(best, (*rest, new), {key(new, new.numbers[0]): number}))
+
+
+def _plain_size(made: Fit, friction: Term) -> float | None:
+    """The force of a plain friction about as strong; None where a friction has no force."""
+    told = {n.name: made.values[key(friction, n)] for n in friction.numbers}
+    sliding = [told[name] for name in SLIDING if name in told]
+    if not sliding:
+        return None
+    return sum(sliding) / len(sliding) + 0.5 * told.get('excess_force', 0.0)
 
 
 def _best(fits: Fits, judge: Judge) -> Fit:
