@@ -117,6 +117,54 @@ def test_a_drift_that_all_recordings_share_is_likelier_than_slow_noise(make_camp
         assert not likelier(found, instead, slower, numbers=1000)  # each has its price
 
 
+@pytest.mark.parametrize(('offset', 'found_again'), [(0.0, 0), (0.3, 6)])
+def test_an_offset_of_all_recordings_is_held_against_slow_noise_in_like_noise(
+    monkeypatch, offset, found_again
+):
+    """Slow noise as faint as is allowed without the offset is allowed beside it."""
+    rate, count, blows, memory, level = 1000.0, 1200, 5, 1.0, 0.005
+    known = Colour(1.0, np.zeros(0), np.zeros(0), rate)
+    told = 0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        courses = [
+            offset + rng.standard_normal(count) + np.sqrt(level) * slow(count, rate, memory, rng)
+            for _ in range(blows)
+        ]
+
+        def left(less, courses=courses):
+            return [
+                (
+                    _Stretch(
+                        np.arange(count) / rate,
+                        np.ones(count, dtype=np.int64),
+                        course - less,
+                        np.zeros(count),
+                    ),
+                    None,
+                )
+                for course in courses
+            ]
+
+        mean = float(np.mean(courses))
+        monkeypatch.setattr(
+            'impactscope.discrepancy.impact.fits.slow_noise._at_rest',
+            lambda _found, _name, instead=None, *, beside, left=left, mean=mean: (
+                left(0.0 if instead else mean),
+                known,
+                rate,
+            ),
+        )
+        blow = SimpleNamespace(channels={'acceleration.base': SimpleNamespace(colour=known)})
+        found = SimpleNamespace(
+            model=SimpleNamespace(data=SimpleNamespace(blows=[blow])),
+            layout=SimpleNamespace(size=blows * count),
+        )
+        without = _slower([s for s, _ in left(0.0)], known, rate, 5.0) or known
+        told += likelier(found, 'instead', {'force': without})
+    assert told == found_again
+
+
 @pytest.mark.parametrize(
     ('name', 'blows'),
     [pytest.param('acceleration.impactor', 2, marks=pytest.mark.slow), ('force', 3)],

@@ -118,17 +118,24 @@ def likelier(found: Fit, instead: Fit, slower: Mapping[str, Colour], numbers: in
         numbers: that ``found`` has beyond ``instead``.
     """
     ahead = 0.0
+    coloured = _coloured(found) | set(slower)
     for name, colour in slower.items():
-        beside = len(slower) > 1
+        beside = bool(coloured - {name})
+        gain = _GAIN_BESIDE if beside else _GAIN
         mine, known, rate = _at_rest(found, name, beside=beside)
         other, _, _ = _at_rest(found, name, instead, beside=beside)
         if known is None or not mine:
             return False
-        with_findings = [s for s, _ in mine]
-        own = _slower(with_findings, known, rate) or known
-        best = max(_likelihood(with_findings, c) for c in (known, own))
-        ahead += best - max(_likelihood([s for s, _ in other], c) for c in (colour, own))
+        with_findings, without = [s for s, _ in mine], [s for s, _ in other]
+        own = _slower(with_findings, known, rate, gain) or known
+        noises = (known, own, colour)  # either may come close to the likeliest, or not
+        ahead += _best(with_findings, noises) - _best(without, noises)
     return information(-2.0 * ahead, numbers, found.layout.size) < 0.0
+
+
+def _best(stretches: list[_Stretch], noises: Iterable[Colour]) -> float:
+    """Logarithm of the likelihood of what is left, in the noise that suits it best."""
+    return max(_likelihood(stretches, c) for c in noises)
 
 
 def _coloured(found: Fit) -> set[str]:
