@@ -40,6 +40,14 @@ def slow(count, rate, memory, rng):
     return signal.lfilter([1.0], [1.0, -share], fresh)
 
 
+def stretch(left, rate, own=0.0):
+    """What is left of a channel at rest, a bin for each sample."""
+    count = left.size
+    return _Stretch(
+        np.arange(count) / rate, np.ones(count, dtype=np.int64), left, np.full(count, own)
+    )
+
+
 def with_slow_noise(campaign, name, times_white, memory, seed=3):
     """The campaign with slow noise added to a channel."""
     rng = np.random.default_rng(seed)
@@ -124,6 +132,17 @@ def test_an_offset_of_all_recordings_is_held_against_slow_noise_in_like_noise(
     """Slow noise as faint as is allowed without the offset is allowed beside it."""
     rate, count, blows, memory, level = 1000.0, 1200, 5, 1.0, 0.005
     known = Colour(1.0, np.zeros(0), np.zeros(0), rate)
+    coloured = SimpleNamespace(channels={'acceleration.base': SimpleNamespace(colour=known)})
+    layout, model = SimpleNamespace(size=blows * count), SimpleNamespace()
+    model.data = SimpleNamespace(blows=[coloured])
+    monkeypatch.setattr(
+        'impactscope.discrepancy.impact.fits.slow_noise._at_rest',
+        lambda found, _, instead=None, *, beside: (
+            [(stretch(course, rate), None) for course in (instead or found).left],
+            known,
+            rate,
+        ),
+    )
     told = 0
     for seed in range(6):
         rng = np.random.default_rng(seed)
@@ -131,37 +150,12 @@ def test_an_offset_of_all_recordings_is_held_against_slow_noise_in_like_noise(
             offset + rng.standard_normal(count) + np.sqrt(level) * slow(count, rate, memory, rng)
             for _ in range(blows)
         ]
-
-        def left(less, courses=courses):
-            return [
-                (
-                    _Stretch(
-                        np.arange(count) / rate,
-                        np.ones(count, dtype=np.int64),
-                        course - less,
-                        np.zeros(count),
-                    ),
-                    None,
-                )
-                for course in courses
-            ]
-
-        mean = float(np.mean(courses))
-        monkeypatch.setattr(
-            'impactscope.discrepancy.impact.fits.slow_noise._at_rest',
-            lambda _found, _name, instead=None, *, beside, left=left, mean=mean: (
-                left(0.0 if instead else mean),
-                known,
-                rate,
-            ),
-        )
-        blow = SimpleNamespace(channels={'acceleration.base': SimpleNamespace(colour=known)})
-        found = SimpleNamespace(
-            model=SimpleNamespace(data=SimpleNamespace(blows=[blow])),
-            layout=SimpleNamespace(size=blows * count),
-        )
-        without = _slower([s for s, _ in left(0.0)], known, rate, 5.0) or known
-        told += likelier(found, 'instead', {'force': without})
+        mean = np.mean(courses)
+        instead = SimpleNamespace(left=courses)
+        found = SimpleNamespace(left=[c - mean for c in courses], layout=layout, model=model)
+        stretches = [stretch(c, rate) for c in courses]
+        slower = _slower(stretches, known, rate, beside=True) or known
+        told += likelier(found, instead, {'force': slower})
     assert told == found_again
 
 
@@ -193,12 +187,7 @@ def test_noise_without_a_white_part_is_met_though_the_quiet_told_another(memory)
     known = Colour(1e-9, np.full(12, 0.02 * sigma**2), lives / rate, rate)  # too small, too wide
     count = 1500
     stretches = [
-        _Stretch(
-            np.arange(count) / rate,
-            np.ones(count, dtype=np.int64),
-            sigma * slow(count, rate, memory, rng),
-            np.full(count, (0.05 * sigma) ** 2),
-        )
+        stretch(sigma * slow(count, rate, memory, rng), rate, (0.05 * sigma) ** 2)
         for _ in range(3)
     ]
     found = _slower(stretches, known, rate)
@@ -255,12 +244,7 @@ def test_where_one_channel_has_slow_noise_a_level_of_any_may_be_it(monkeypatch, 
 def test_a_level_is_the_one_that_a_scan_of_all_finds(size):
     rate, count, rng = 1000.0, 2000, np.random.default_rng(8)
     stretches = [
-        _Stretch(
-            np.arange(count) / rate,
-            np.ones(count, dtype=np.int64),
-            rng.standard_normal(count) + size * slow(count, rate, 0.1, rng),
-            np.zeros(count),
-        )
+        stretch(rng.standard_normal(count) + size * slow(count, rate, 0.1, rng), rate)
         for _ in range(2)
     ]
     known, shape = Colour(1.0, np.zeros(0), np.zeros(0), rate), {0.1 * rate: 1.0}

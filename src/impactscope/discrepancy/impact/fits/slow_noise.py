@@ -93,8 +93,7 @@ def _slower_than_known(found: Fit, name: str, *, beside: bool) -> Colour | None:
     stretches, known, rate = _at_rest(found, name, beside=beside)
     if sum(s.left.size for s, _ in stretches) < _FEWEST or known is None:
         return None
-    gain = _GAIN_BESIDE if beside else _GAIN
-    best = _slower([s for s, _ in stretches], known, rate, gain)
+    best = _slower([s for s, _ in stretches], known, rate, beside=beside)
     if best is None:
         return None
     quiet = [q for _, q in stretches if q is not None]
@@ -121,14 +120,13 @@ def likelier(found: Fit, instead: Fit, slower: Mapping[str, Colour], numbers: in
     coloured = _coloured(found) | set(slower)
     for name, colour in slower.items():
         beside = bool(coloured - {name})
-        gain = _GAIN_BESIDE if beside else _GAIN
         mine, known, rate = _at_rest(found, name, beside=beside)
         other, _, _ = _at_rest(found, name, instead, beside=beside)
         if known is None or not mine:
             return False
         with_findings, without = [s for s, _ in mine], [s for s, _ in other]
-        own = _slower(with_findings, known, rate, gain) or known
-        noises = (known, own, colour)  # either may come close to the likeliest, or not
+        own = _slower(with_findings, known, rate, beside=beside) or known
+        noises = (known, own, colour)  # what was found for the one may suit the other better
         ahead += _best(with_findings, noises) - _best(without, noises)
     return information(-2.0 * ahead, numbers, found.layout.size) < 0.0
 
@@ -239,12 +237,13 @@ def _likelihood(stretches: list[_Stretch], colour: Colour) -> float:
 
 
 def _slower(
-    stretches: list[_Stretch], known: Colour, rate: float, gain: float = _GAIN
+    stretches: list[_Stretch], known: Colour, rate: float, *, beside: bool = False
 ) -> Colour | None:
     """The likeliest noise with slow parts beside what is known; None where that does.
 
-    ``gain``: twice the logarithm of the likelihood that each further part must bring.
+    ``beside``: the noise of another channel is not white, so that fainter parts are believed.
     """
+    gain = _GAIN_BESIDE if beside else _GAIN  # that each further part must bring
     longest = max(float(s.centres[-1] - s.centres[0]) for s in stretches)
     reached, found = _likelihood(stretches, known), known
     if known.variances.size:
