@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from impactscope.discrepancy.impact.data import blows
 from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.models.bench_model import ActiveEffect
 from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.simulate import solve
 
@@ -44,3 +46,27 @@ def test_a_large_campaign_has_longer_bins_late(make_campaign, monkeypatch):
     assert sum(c.centres.size for b in coarse.blows for c in b.channels.values()) < sum(
         c.centres.size for b in fine.blows for c in b.channels.values()
     )
+
+
+@pytest.mark.parametrize('filtered', [False, True])
+def test_a_shorter_window_has_the_same_residuals(make_campaign, filtered):
+    campaign = make_campaign(41)
+    model = baseline_model(campaign, prepare(campaign))
+    if filtered:  # which is given samples beyond what is simulated
+        numbers = {'low_pass_filter:force.order': 2.0, 'low_pass_filter:force.cutoff': 400.0}
+        effect = ActiveEffect('low_pass_filter', 'force')
+        model = model.extended(effects=(effect,), constants=numbers)
+    values = model.values(model.start())
+    blow = next(i for i in model.data.fitted if model.data.blows[i].recording.kind != 'tap')
+    whole, part = model.layout([blow]), model.layout([blow], 0.03)
+    simulated = model.predict(values, blow, part.ends[blow])
+    assert len(simulated.rows) < len(model.predict(values, blow).rows)
+    all_of_it = model.blow_residuals(values, blow, whole)
+    first = model.blow_residuals(values, blow, part)
+    for name in model.data.blows[blow].channels:
+        span, early = whole.spans[blow, name], part.spans[blow, name]
+        count = early.stop - early.start
+        assert count > 20
+        np.testing.assert_allclose(
+            first[early], all_of_it[span.start : span.start + count], atol=1e-4
+        )

@@ -420,20 +420,21 @@ def test_a_lean_run_gives_the_same_channels():
     bench, blow = Bench(), PendulumBlow()
     par = assemble(bench, blow, implied_effects(bench, blow))
     times = np.arange(500) / 1000.0
-    full, lean = solve(par, times)[0], solve(par, times, lean=True)[0]
-    np.testing.assert_array_equal(full[:, : at.N_LEAN_COLUMNS], lean)
+    full, lean = solve(par, times, 1e-12)[0], solve(par, times, lean=True)[0]
+    assert lean.shape == (500, at.N_LEAN_COLUMNS)
+    size = np.max(np.abs(full[:, : at.N_LEAN_COLUMNS]), axis=0)
+    apart = np.max(np.abs(full[:, : at.N_LEAN_COLUMNS] - lean), axis=0)
+    np.testing.assert_array_less(apart, 1e-7 * size + 1e-15)
 
 
-def test_a_run_ends_at_the_last_of_the_times_that_count():
+def test_a_run_ends_at_the_last_of_the_times():
     bench, blow = Bench(), PendulumBlow()
     par = assemble(bench, blow, implied_effects(bench, blow))
     times = np.arange(-50, 450) / 1000.0
     full, events, _, steps = solve(par, times, lean=True)
     for count, ends in ((0, 0.0), (30, 0.0), (300, times[299])):
-        part, seen, _, taken = solve(par, times, lean=True, count=count)
-        assert part.shape == full.shape
-        assert not part[count:].any()
-        np.testing.assert_allclose(part[:count], full[:count], rtol=1e-6, atol=1e-6)
+        part, seen, _, taken = solve(par, times[:count], lean=True)
+        np.testing.assert_allclose(part, full[:count], rtol=1e-6, atol=1e-6)
         assert seen.size == np.count_nonzero(events < ends)
         assert taken < steps
 

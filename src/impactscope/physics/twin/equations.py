@@ -36,7 +36,7 @@ __all__ = [
     'spring_force',
     'spring_region',
     'stick_force',
-    'stick_reserve',
+    'stick_reserves',
 ]
 
 Array = NDArray[np.float64]
@@ -220,14 +220,16 @@ def stick_force(par: Array, y: Array, t: float, contact: int) -> float:
 
 
 @law
-def stick_reserve(par: Array, needed: float) -> float:
-    """How much more friction the stuck guide could bear, N; negative where it must slip.
+def stick_reserves(par: Array, needed: float) -> tuple[float, float]:
+    """How much more friction the stuck guide could bear against either way, N; negative: it slips.
 
-    A margin far below anything measurable keeps rounding from deciding.
+    First where the plate would slip along +x, then where it would slip back. A margin far below
+    anything measurable keeps rounding from deciding.
     """
     forward: float = par[at.STATIC_FORWARD]
     backward: float = par[at.STATIC_BACKWARD]
-    return min(forward + needed, backward - needed) + 1e-9 * (forward + backward)
+    margin = 1e-9 * (forward + backward)
+    return forward + needed + margin, backward - needed + margin
 
 
 @law
@@ -358,7 +360,7 @@ def guard(
     on_guide = 1.0
     if guide == 0:
         needed = stick_force(par, y, t, contact)
-        on_guide = stick_reserve(par, needed)
+        on_guide = min(stick_reserves(par, needed))
     elif guide != UNTRACKED:
         on_guide = guide * (y[at.V] - y[at.VB])
     return on_contact, on_guide, _distance_to_edge(par, y[at.X] - y[at.B], region)

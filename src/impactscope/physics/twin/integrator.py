@@ -1,6 +1,7 @@
 """One integrator for everything: an embedded Runge-Kutta pair with located events, compiled.
 
-The pair of :mod:`.runge_kutta` steps through each of the :mod:`.modes` of the bench. A step that
+The pair of :mod:`.runge_kutta` steps through each of the :mod:`.modes` of the bench, the series
+of :mod:`.power_series` through those that have one, where energies do not matter. A step that
 would leave the mode ends where its guard crosses zero: found on the dense output, then stepped to
 anew with the full method, so that an event is as accurate as any other state. Corners of the
 drives are stepped to, never across.
@@ -8,7 +9,6 @@ drives are stepped to, never across.
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from impactscope.physics.mechanisms.compiled import borrowed, compiled
 from impactscope.physics.twin import layout as at
+from impactscope.physics.twin.dips import dip
 from impactscope.physics.twin.equations import (
     accelerations,
     derivative,
@@ -33,6 +34,18 @@ from impactscope.physics.twin.modes import (
     guide_after,
     slip_direction,
 )
+from impactscope.physics.twin.power_series import (
+    CLAMPED,
+    SeriesMode,
+    borrowed_mode,
+    expand,
+    first_crossing,
+    has_series,
+    may_have_series,
+    mode_room,
+    prepare_mode,
+    series_state,
+)
 from impactscope.physics.twin.runge_kutta import dense_state, local_error, prepare_dense, step
 from impactscope.physics.twin.start import approach, corners, start
 
@@ -46,15 +59,16 @@ TOO_MANY_EVENTS: Final = -2
 NOT_FINITE: Final = -3
 
 _SHORTEST = 1e-11  # s
+_FIRST = 1e-5  # s, step with which a bare contact begins
 
 
 @compiled
-def _moving(par: Array, n: int) -> IntArray:
-    """Places in the state that change at all."""
+def _moving(par: Array, n: int, lean: bool) -> IntArray:
+    """Places in the state that change at all; ``lean``: without energies."""
     places = np.empty(n, dtype=np.int64)
     count = 0
     for i in range(n):
-        there = True
+        there = not lean or i not in (at.LOST, at.WORK)
         if i in (at.Q, at.VQ):
             there = par[at.SECOND_MASS] > 0.0
         elif i in (at.B, at.VB):
@@ -67,34 +81,6 @@ def _moving(par: Array, n: int) -> IntArray:
             places[count] = i
             count += 1
     return places[:count]
-
-
-@compiled
-def _dips(start: float, start_rate: float, end: float, end_rate: float, h: float) -> float:
-    """Share of the step at which a cubic through both ends dips below zero; 0 if it does not."""
-    if start_rate >= 0.0 or end_rate <= 0.0:
-        return 0.0
-    a, b = start_rate * h, end_rate * h
-    # derivative of the Hermite cubic: c0 + c1 s + c2 s^2
-    c1 = -4.0 * a - 2.0 * b + 6.0 * (end - start)
-    c2 = 3.0 * a + 3.0 * b - 6.0 * (end - start)
-    if abs(c2) < 1e-300:
-        share = -a / c1
-    else:
-        root = c1 * c1 - 4.0 * c2 * a
-        if root < 0.0:
-            return 0.0
-        share = (-c1 + math.sqrt(root)) / (2.0 * c2)
-    if not 0.0 < share < 1.0:
-        return 0.0
-    s2, s3 = share * share, share**3
-    value = (
-        start * (1.0 - 3.0 * s2 + 2.0 * s3)
-        + a * (share - 2.0 * s2 + s3)
-        + end * (3.0 * s2 - 2.0 * s3)
-        + b * (s3 - s2)
-    )
-    return share if value < 0.0 else 0.0
 
 
 @compiled
@@ -223,7 +209,7 @@ def _leaving(
         # between its ends the step may dip out of the mode and back
         if last == 0.0 and g0[i] > 0.0:
             if i == 0 and contact == at.OPEN:
-                last = _dips(g0[0], y[at.V] - y[at.VP], g1[0], y_new[at.V] - y_new[at.VP], h)
+                last = dip(g0[0], y[at.V] - y[at.VP], g1[0], y_new[at.V] - y_new[at.VP], h)
             elif i == 0 and contact == at.CLOSED and par[at.HAS_LAYER] > 0.0:
                 moment = 1e-6 * h  # the force's rate follows from that of the state
                 for n in moving:
@@ -232,10 +218,10 @@ def _leaving(
                 for n in moving:
                     work[n] = y_new[n] + moment * k[6, n]
                 after = guard(par, work, t + h, contact, guide, region)[0] - g1[0]
-                last = _dips(g0[0], before / moment, g1[0], after / moment, h)
+                last = dip(g0[0], before / moment, g1[0], after / moment, h)
             elif i == 1 and guide in (-1, 1):
                 before, after = k[0, at.V] - k[0, at.VB], k[6, at.V] - k[6, at.VB]
-                last = _dips(g0[1], guide * before, g1[1], guide * after, h)
+                last = dip(g0[1], guide * before, g1[1], guide * after, h)
         if last == 0.0:
             continue
         if not prepared:
@@ -269,8 +255,13 @@ def _run(
     y_new: Array,
     work: Array,
     moving: IntArray,
+    mode: SeriesMode,
+    some_series: bool,
 ) -> tuple[int, int]:
-    """As :func:`integrate`, with room for the stages, the dense output and two states."""
+    """As :func:`integrate`, with room for stages, dense output, two states and a mode's series.
+
+    ``some_series``: whether any mode may be followed by series.
+    """
     par, y, at_corners, times, rows = (
         borrowed(par),
         borrowed(y),
@@ -279,7 +270,7 @@ def _run(
         borrowed(rows),
     )
     k, dense, y_new, work = borrowed(k), borrowed(dense), borrowed(y_new), borrowed(work)
-    moving = borrowed(moving)
+    moving, mode = borrowed(moving), borrowed_mode(mode)
     tracked = (
         par[at.STATIC_FORWARD] > 0.0
         or par[at.STATIC_BACKWARD] > 0.0
@@ -296,6 +287,7 @@ def _run(
     n_steps = 0
     h = 1e-4
     fresh = True  # the rate in k[0] is not that of y
+    count = 0  # of numbers that change in a mode with a series; 0: it is not prepared
     while next_row < len(times) and times[next_row] <= t:
         _write(par, t, y, contact, guide, rows, next_row)
         next_row += 1
@@ -307,66 +299,97 @@ def _run(
             next_corner += 1
             fresh = True
         limit = min(at_corners[next_corner], end) if next_corner < len(at_corners) else end
-        h = min(h, longest_step)
-        wanted = h
-        to_limit = t + h * 1.0000001 >= limit
-        if to_limit:
-            h = limit - t
-        if fresh:
-            derivative(par, t, y, contact, guide, k[0])
-            fresh = False
-        step(par, t, h, y, contact, guide, moving, k, y_new)
-        error = local_error(h, y, y_new, moving, k, tolerance)
-        if not error <= 1.0 and h > _SHORTEST:  # also where it is not a number
-            h *= max(0.1, 0.9 * error**-0.2) if error < 1e30 else 0.1
-            continue
-        if not error < 1e30:
-            return NOT_FINITE, n_steps
+        slips_to = 0
+        wanted = 0.0
+        if some_series and has_series(par, t, y, contact, h):
+            if count == 0:
+                count = prepare_mode(par, t, contact, guide, mode)
+            wanted = min(expand(par, t, limit, y, contact, guide, count, mode), longest_step)
+            if not wanted > 0.0:
+                return NOT_FINITE, n_steps
+        bare = contact == at.CLOSED and par[at.HAS_LAYER] == 0.0
+        if wanted > 0.0 and not (bare and wanted < h):  # as it is where such a contact begins
+            to_limit = t + wanted * 1.0000001 >= limit
+            length = limit - t if to_limit else wanted
+            reached, which = first_crossing(par, length, contact, guide, count, mode)
+            if which == CLAMPED:
+                which, to_limit = -1, False
+            if guide == 0:
+                slips_to = 1 if which == 1 else -1
+                which = min(which, 1)
+            t_reached = limit if which < 0 and to_limit else t + reached
+            for i in moving:
+                y_new[i] = work[i] = y[i]
+            while next_row < len(times) and times[next_row] <= t_reached:
+                series_state(times[next_row] - t, count, mode, work)
+                _write(par, times[next_row], work, contact, guide, rows, next_row)
+                next_row += 1
+            series_state(reached, count, mode, y_new)
+            fresh = True
+            if not bare or which >= 0:
+                h = 1e-4
+        else:
+            h = min(h, longest_step)
+            wanted = h
+            to_limit = t + h * 1.0000001 >= limit
+            if to_limit:
+                h = limit - t
+            if fresh:
+                derivative(par, t, y, contact, guide, k[0])
+                fresh = False
+            step(par, t, h, y, contact, guide, moving, k, y_new)
+            error = local_error(h, y, y_new, moving, k, tolerance)
+            if not error <= 1.0 and h > _SHORTEST:  # also where it is not a number
+                h *= max(0.1, 0.9 * error**-0.2) if error < 1e30 else 0.1
+                continue
+            if not error < 1e30:
+                return NOT_FINITE, n_steps
 
-        share, which = _leaving(
-            par, t, h, y, y_new, moving, k, (contact, guide, region), dense, work
-        )
-        dense_ready = which >= 0
-        if not dense_ready and times[next_row] <= t + 1.001 * h:
-            prepare_dense(moving, k, dense)
-            dense_ready = True
-        reached = h if which < 0 else max(share * h, 0.0)
-        t_reached = limit if which < 0 and to_limit else t + reached
-        while next_row < len(times) and times[next_row] <= t_reached:
-            dense_state(y, h, moving, dense, (times[next_row] - t) / h, work)
-            _write(par, times[next_row], work, contact, guide, rows, next_row)
-            next_row += 1
+            share, which = _leaving(
+                par, t, h, y, y_new, moving, k, (contact, guide, region), dense, work
+            )
+            dense_ready = which >= 0
+            if not dense_ready and times[next_row] <= t + 1.001 * h:
+                prepare_dense(moving, k, dense)
+                dense_ready = True
+            reached = h if which < 0 else max(share * h, 0.0)
+            t_reached = limit if which < 0 and to_limit else t + reached
+            while next_row < len(times) and times[next_row] <= t_reached:
+                dense_state(y, h, moving, dense, (times[next_row] - t) / h, work)
+                _write(par, times[next_row], work, contact, guide, rows, next_row)
+                next_row += 1
+            if which == 1 and guide == 0:
+                slips_to = slip_direction(par, y_new, t + h, contact)
+            if which < 0:
+                for i in moving:
+                    k[0, i] = k[6, i]
+                h *= min(5.0, 0.9 * max(error, 1e-10) ** -0.2)
+                if to_limit:
+                    h = max(h, wanted)
+            else:
+                # an event: step to it with the full method
+                if reached > 0.0:
+                    step(par, t, reached, y, contact, guide, moving, k, y_new)
+                h = min(wanted, 1e-4)
 
-        if which < 0:
-            t = t_reached
+        if which >= 0 and n_events == len(event_times):
+            return TOO_MANY_EVENTS, n_steps
+        if reached > 0.0:
             for i in moving:
                 y[i] = y_new[i]
-                k[0, i] = k[6, i]
-            h *= min(5.0, 0.9 * max(error, 1e-10) ** -0.2)
-            if to_limit:
-                h = max(h, wanted)
+            t = t_reached
+        if which < 0:
             if contact == at.OPEN and t >= par[at.CATCH_TIME]:
                 catch(par, y)
                 contact = at.GONE
-                fresh = True
+                fresh, count = True, 0
             continue
-
-        # an event: step to it with the full method, then change the mode
-        if n_events == len(event_times):
-            return TOO_MANY_EVENTS, n_steps
-        slips_to = 0
-        if which == 1 and guide == 0:
-            slips_to = slip_direction(par, y_new, t + h, contact)
-        if reached > 0.0:
-            step(par, t, reached, y, contact, guide, moving, k, y_new)
-            for i in moving:
-                y[i] = y_new[i]
-            t = t_reached
-        fresh = True
-        h = min(wanted, 1e-4)
+        fresh, count = True, 0
         contact, guide, region, kind = change_mode(
             par, t, y, (contact, guide, region), which, slips_to, tracked
         )
+        if kind == at.CONTACT_BEGINS and par[at.HAS_LAYER] == 0.0:
+            h = min(h, _FIRST)
         event_times[n_events] = t
         event_kinds[n_events] = kind
         n_events += 1
@@ -395,6 +418,8 @@ def integrate(
     or TOO_MANY_STEPS, TOO_MANY_EVENTS or NOT_FINITE, and the number of steps.
     """
     n = len(y)
+    lean = rows.shape[1] < at.N_COLUMNS
+    some_series = lean and may_have_series(par)
     return _run(
         par.copy(),  # which changes where the loss of a contact goes by its speed
         y,
@@ -411,7 +436,9 @@ def integrate(
         np.zeros((n, 4)),
         y.copy(),
         y.copy(),
-        _moving(par, n),
+        _moving(par, n, lean),
+        mode_room(par, n if some_series else 0),
+        some_series,
     )
 
 
@@ -428,12 +455,10 @@ def run(
     """A whole blow, approach and all, at ``times`` (rising, s from first contact).
 
     ``rooms``: for so many events, and for so many where there are more. Fills ``rows`` as
-    :func:`integrate` does, those beyond the last of ``times`` with zeros, and returns what that
-    returns, then event times and kinds.
+    :func:`integrate` does and returns what that returns, then event times and kinds.
     """
     before = np.searchsorted(times, 0.0)
     rows[:before] = 0.0
-    rows[times.size :] = 0.0
     if before > 0 and par[at.IMPACTOR_MASS] > 0.0:
         approach(par, times[:before], rows[:before])
     found, steps = 0, 0
@@ -452,7 +477,7 @@ def run(
             tolerance,
             longest_step,
             most_steps,
-            rows[before : times.size],
+            rows[before:],
             event_times,
             event_kinds,
         )

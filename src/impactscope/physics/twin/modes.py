@@ -16,7 +16,7 @@ from impactscope.physics.twin.equations import (
     UNTRACKED,
     spring_region,
     stick_force,
-    stick_reserve,
+    stick_reserves,
 )
 
 __all__ = ['LEAST_SPEED', 'SLOWEST', 'catch', 'change_mode', 'guide_after', 'slip_direction']
@@ -32,8 +32,7 @@ SLOWEST = 1e-3
 @compiled
 def slip_direction(par: Array, y: Array, t: float, contact: int) -> int:
     """Way in which a stuck plate gives, from a state in which sticking asks for too much."""
-    needed = stick_force(par, y, t, contact)
-    forward, backward = par[at.STATIC_FORWARD] + needed, par[at.STATIC_BACKWARD] - needed
+    forward, backward = stick_reserves(par, stick_force(par, y, t, contact))
     return 1 if forward < backward else -1
 
 
@@ -47,7 +46,7 @@ def guide_after(par: Array, t: float, y: Array, contact: int, tracked: bool) -> 
         return 1
     if speed < -LEAST_SPEED:
         return -1
-    if stick_reserve(par, stick_force(par, y, t, contact)) >= 0.0:
+    if min(stick_reserves(par, stick_force(par, y, t, contact))) >= 0.0:
         return 0
     return slip_direction(par, y, t, contact)
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impactscope.physics.mechanisms.compiled import borrowed, compiled
+from impactscope.physics.mechanisms.compiled import borrowed, compiled, law
 from impactscope.physics.twin import layout as at
 from impactscope.physics.twin.equations import derivative
 
-__all__ = ['dense_state', 'local_error', 'prepare_dense', 'step']
+__all__ = ['dense_state', 'felt', 'local_error', 'prepare_dense', 'step']
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -76,6 +76,12 @@ def step(
     derivative(par, t + h, y_new, contact, guide, k[6])
 
 
+@law
+def felt(place: int) -> float:
+    """Size from which a number of the state matters, m/s or m."""
+    return 0.05 if place in (at.V, at.VP, at.VQ, at.VB) else 2e-4
+
+
 @compiled
 def local_error(
     h: float, y: Array, y_new: Array, moving: IntArray, k: Array, tolerance: float
@@ -87,10 +93,9 @@ def local_error(
     y, y_new, moving, k = borrowed(y), borrowed(y_new), borrowed(moving), borrowed(k)
     worst = 0.0
     for i in moving:
-        fine = 0.05 if i in (at.V, at.VP, at.VQ, at.VB) else 2e-4  # m/s and m that matter
         total = 71 / 57600 * k[0, i] - 71 / 16695 * k[2, i] + 71 / 1920 * k[3, i]
         total += 22 / 525 * k[5, i] - 17253 / 339200 * k[4, i] - 1 / 40 * k[6, i]
-        scale = tolerance * (fine + max(abs(y[i]), abs(y_new[i])))
+        scale = tolerance * (felt(i) + max(abs(y[i]), abs(y_new[i])))
         if i in (at.LOST, at.WORK):
             scale *= 1e2
         worst = max(worst, abs(h * total) / scale)

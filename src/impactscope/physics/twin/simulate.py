@@ -168,13 +168,11 @@ def solve(
     tolerance: float | None = None,
     *,
     lean: bool = False,
-    count: int | None = None,
 ) -> tuple[Array, Array, NDArray[np.int64], int]:
     """Run the compiled twin on a parameter vector; the inner call of every fit.
 
     ``times``: rising, s from first contact; before it everything rests and the impactor
-    approaches. ``lean`` leaves out what only the energy balance needs; of ``times`` only the
-    first ``count`` are simulated, the rows of the others are zero. Returns rows of shape
+    approaches. ``lean`` leaves out what only the energy balance needs. Returns rows of shape
     (n_times, N_COLUMNS) or (n_times, N_LEAN_COLUMNS), event times and kinds, and the number of
     steps. ``tolerance`` None: the sufficient one. Raises SimulationError where the integration
     does not get through.
@@ -182,13 +180,12 @@ def solve(
     if tolerance is None:
         tolerance = sufficient_tolerance(par)
     rows = np.empty((len(times), at.N_LEAN_COLUMNS if lean else at.N_COLUMNS))
-    stop = len(times) if count is None else count
     found, steps, event_times, event_kinds = run(
         par,
-        times[:stop],
+        times,
         tolerance,
         LONGEST_STEP,
-        MOST_STEPS + 8 * stop,
+        MOST_STEPS + 8 * len(times),
         (FEW_EVENTS, MAX_EVENTS),
         rows,
     )

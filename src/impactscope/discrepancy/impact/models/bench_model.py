@@ -152,7 +152,7 @@ class Prediction:
 class _Simulated:
     """The twin's outputs for one blow, and what its measuring chains do to them."""
 
-    rows: Array  # at moments, shape (n_moments, N_LEAN_COLUMNS)
+    rows: Array  # at the first moments, shape (n_simulated, N_LEAN_COLUMNS)
     where: Mapping[str, NDArray[np.int64]]  # of each channel among the moments
     chain: Mapping[str, list[tuple[str, dict[str, float]]]]
     whole: Mapping[str, int]  # channels that need every sample, and moments for each
@@ -489,7 +489,9 @@ class ImpactModel:
         result = np.zeros(-(-moments.size // fine))
         moments = moments[: max(_FILTERED * fine, np.searchsorted(moments, simulated.end))]
         where = simulated.where[name][: moments.size]
-        clean = simulated.gains[name] * simulated.rows[where, CHANNELS[name][1]]
+        there = where < len(simulated.rows)
+        clean = np.zeros(moments.size)
+        clean[there] = simulated.gains[name] * simulated.rows[where[there], CHANNELS[name][1]]
         chain = simulated.chain.get(name, ())
         for place, (kind, numbers) in enumerate(chain):
             if kind == 'ac_coupling' and name == 'acceleration.impactor':
@@ -508,7 +510,7 @@ class ImpactModel:
         known = self.solutions[i].get(key)
         if known is not None:
             return known
-        found = solve(par, times - start, lean=True, count=count)[:3]
+        found = solve(par, times[:count] - start, lean=True)[:3]
         self.solutions[i].keep(key, found)
         return found
 

@@ -74,7 +74,7 @@ def standardised(
 
     Args:
         bins: of the blow.
-        rows: what was simulated, shape (n_moments, n_columns).
+        rows: what was simulated at the first moments, shape (n_simulated, n_columns).
         where: nodes of each channel among the moments, each of shape (n_nodes,).
         gains: of the channels.
         left_out: channels on which an effect of a measuring chain acts: theirs stay zero.
@@ -125,6 +125,7 @@ def _standardised(
         column = columns[which[i]]
         total = 0.0
         for j in range(first[i], first[i] + counts[i]):
-            total += rows[moments[j], column]
+            if moments[j] < rows.shape[0]:
+                total += rows[moments[j], column]
         out[i] = (means[i] - gain * total / counts[i]) / std[i]
     return out
