@@ -83,3 +83,12 @@ def test_a_blow_below_the_contact_threshold_is_its_peak():
     force = reading((0.1, 0.009, 5))
     (contact,) = find_contacts(np.minimum(force, 2.9), 1030, RULES)
     assert contact.end > contact.start
+
+
+def test_a_missing_sample_is_no_peak_of_a_faint_contact():
+    # found by a random stream: a sample that is missing counts as zero in the mean
+    reading = np.zeros(400)
+    reading[100] = np.nan
+    (contact,) = find_contacts(reading, 100, RULES)
+    assert contact.peak_force == 0.0
+    assert contact.peak_time > 100 / RATE

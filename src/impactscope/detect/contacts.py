@@ -128,7 +128,9 @@ def _pushed_spans(reading: NDArray[np.float64], trigger: int, rules: ContactRule
     smooth = moving_mean(reading, rules.smoothing)
     above = [span for span in _spans_above(smooth, rules.threshold) if span[1] > trigger]
     if not above:
-        peak = trigger + int(np.argmax(smooth[trigger:]))
+        # a sample that is missing has no force, though it counts as zero in the mean
+        known = np.where(np.isfinite(reading[trigger:]), smooth[trigger:], -math.inf)
+        peak = trigger + int(np.argmax(known))
         return [_Span(peak, peak + 1)]
     joined: list[tuple[int, int]] = [above[0]]
     for start, stop in above[1:]:
