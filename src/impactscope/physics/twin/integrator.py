@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impactscope.physics.mechanisms.compiled import borrowed, compiled
 from impactscope.physics.twin import layout as at
-from impactscope.physics.twin.dips import dip
+from impactscope.physics.twin.crossings import dip, narrowed, secant
 from impactscope.physics.twin.equations import (
     accelerations,
     derivative,
@@ -41,6 +41,7 @@ from impactscope.physics.twin.power_series import (
     expand,
     first_crossing,
     has_series,
+    is_bare,
     may_have_series,
     mode_room,
     prepare_mode,
@@ -118,21 +119,12 @@ def _crossing(
     side = 0
     share = high
     for _ in range(60):
-        share = high - f_high * (high - low) / (f_high - f_low) if f_high != f_low else high
+        share = secant(low, f_low, high, f_high)
         dense_state(y, h, moving, dense, share, work)
         value = guard(par, work, t + share * h, contact, guide, region)[which]
         if value == 0.0 or (high - low) * h < 1e-14:
             break
-        if value < 0.0:
-            high, f_high = share, value
-            if side == -1:
-                f_low *= 0.5
-            side = -1
-        else:
-            low, f_low = share, value
-            if side == 1:
-                f_high *= 0.5
-            side = 1
+        low, f_low, high, f_high, side = narrowed(low, f_low, high, f_high, side, share, value)
     return share
 
 
@@ -307,7 +299,7 @@ def _run(
             wanted = min(expand(par, t, limit, y, contact, guide, count, mode), longest_step)
             if not wanted > 0.0:
                 return NOT_FINITE, n_steps
-        bare = contact == at.CLOSED and par[at.HAS_LAYER] == 0.0
+        bare = is_bare(par, contact)
         if wanted > 0.0 and not (bare and wanted < h):  # as it is where such a contact begins
             to_limit = t + wanted * 1.0000001 >= limit
             length = limit - t if to_limit else wanted

@@ -4,9 +4,8 @@ Between contacts, and pressed on a layer or in a bare contact, the bench is a li
 constant friction and drives that are ramps, and a few laws beside it: the weight of an impactor
 that swings, Hertz's contact with its loss, a cubic spring, friction that falls with the speed.
 The state is a power series in time whose terms follow from one another, (k + 1) a[k + 1] =
-A a[k] + the term of each law; sines, powers and exponentials of a series are series, too. One
-step goes as far as some twenty of a Runge-Kutta pair. The series is the dense output, and guards
-are polynomials.
+A a[k] + the term of each law; sines, powers and exponentials of a series are series, too. The
+series is the dense output, and guards are polynomials.
 
 Series of functions of a series: Knuth, The Art of Computer Programming 2, section 4.7. Order and
 length of a step: Jorba and Zou, Experiment. Math. 14 (2005).
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from impactscope.physics.mechanisms.compiled import borrowed, compiled, law
 from impactscope.physics.twin import layout as at
-from impactscope.physics.twin.dips import lowest
+from impactscope.physics.twin.crossings import lowest, narrowed, secant
 from impactscope.physics.twin.equations import (
     derivative,
     drive_force,
@@ -40,6 +39,7 @@ __all__ = [
     'expand',
     'first_crossing',
     'has_series',
+    'is_bare',
     'may_have_series',
     'mode_room',
     'prepare_mode',
@@ -163,7 +163,8 @@ def _swings(par: Array) -> bool:
 
 
 @law
-def _bare(par: Array, contact: int) -> bool:
+def is_bare(par: Array, contact: int) -> bool:
+    """Whether impactor and plate touch without a layer."""
     return bool(contact == at.CLOSED and par[at.HAS_LAYER] == 0.0)
 
 
@@ -191,7 +192,7 @@ def has_series(par: Array, t: float, y: Array, contact: int, least: float) -> bo
         return True
     if par[at.SECOND_MASS] > 0.0 and _swings(par):
         return False
-    if _bare(par, contact):
+    if is_bare(par, contact):
         enough = max(_PRESSED, abs(y[at.VP] - y[at.V]) * least / _SOONER)
         pressed = par[at.UNILATERAL] > 0.0 and y[at.P] - y[at.X] > enough
         left = 1.0 + par[at.CONTACT_LOSS] * (y[at.VP] - y[at.V])
@@ -308,7 +309,7 @@ def expand(
         early, late = drive_force(par, t + quarter), drive_force(par, t + 3.0 * quarter)
         ramp = 0.5 * (late - early) / quarter
         pull = early - ramp * quarter
-    swings, bare = there and _swings(par), _bare(par, contact)
+    swings, bare = there and _swings(par), is_bare(par, contact)
     cubic, peak = par[at.CUBIC], _peak(par, guide)
     for k in range(_ORDER):
         on_impactor = pull if k == 0 else ramp if k == 1 else 0.0
@@ -481,7 +482,7 @@ def first_crossing(
     reached, which = h, -1
     for i in range(4):
         if i == CLAMPED:
-            if not (_bare(par, contact) and par[at.CONTACT_LOSS] > 0.0):
+            if not (is_bare(par, contact) and par[at.CONTACT_LOSS] > 0.0):
                 continue
             for k in range(_ORDER + 1):
                 left = par[at.CONTACT_LOSS] * (series[3, k] - series[1, k])
@@ -564,18 +565,9 @@ def _zero(edge: Array, begin: float, end: float) -> float:
     side = 0
     s = high
     for _ in range(60):
-        s = high - f_high * (high - low) / (f_high - f_low) if f_high != f_low else high
+        s = secant(low, f_low, high, f_high)
         value = _sum(edge, s)
         if value == 0.0 or high - low < 1e-14:
             break
-        if value < 0.0:
-            high, f_high = s, value
-            if side == -1:
-                f_low *= 0.5
-            side = -1
-        else:
-            low, f_low = s, value
-            if side == 1:
-                f_high *= 0.5
-            side = 1
+        low, f_low, high, f_high, side = narrowed(low, f_low, high, f_high, side, s, value)
     return s

@@ -1,12 +1,12 @@
-"""Where what is positive at both ends of a step is lowest between them; compiled."""
+"""Where what has to stay above zero dips or crosses within a step; compiled."""
 
 from __future__ import annotations
 
 import math
 
-from impactscope.physics.mechanisms.compiled import compiled
+from impactscope.physics.mechanisms.compiled import compiled, law
 
-__all__ = ['dip', 'lowest']
+__all__ = ['dip', 'lowest', 'narrowed', 'secant']
 
 
 @compiled
@@ -43,3 +43,23 @@ def dip(start: float, start_rate: float, end: float, end_rate: float, h: float) 
         + b * (s3 - s2)
     )
     return share if value < 0.0 else 0.0
+
+
+@law
+def secant(low: float, f_low: float, high: float, f_high: float) -> float:
+    """Where a line through both ends of a bracket crosses zero."""
+    return high - f_high * (high - low) / (f_high - f_low) if f_high != f_low else high
+
+
+@law
+def narrowed(
+    low: float, f_low: float, high: float, f_high: float, side: int, at: float, value: float
+) -> tuple[float, float, float, float, int]:
+    """A bracket about a zero, its high end below, with a further value (Illinois method).
+
+    ``side``: of the end that moved last, which the result tells anew; 0 at first. An end that
+    stays twice counts for half.
+    """
+    if value < 0.0:
+        return low, 0.5 * f_low if side == -1 else f_low, at, value, -1
+    return at, value, high, 0.5 * f_high if side == 1 else f_high, 1
