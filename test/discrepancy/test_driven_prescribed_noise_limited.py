@@ -10,10 +10,8 @@ from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.data.trajectory import Trajectory, _end, trajectory_of
 from impactscope.discrepancy.driven.noise.coloured_noise import Colour
-from impactscope.discrepancy.driven.systems.prescribed_noise_limited import (
-    PrescribedMotionNoise,
-    _turns,
-)
+from impactscope.discrepancy.driven.systems.prescribed_motion_noise import PrescribedMotionNoise
+from impactscope.discrepancy.driven.systems.prescribed_noise_limited import _noise_of, _turns
 
 RATE, SAMPLES = 1000.0, 2500
 STIFFNESS, DAMPING, REACH = 2e4, 400.0, 0.01
@@ -50,13 +48,13 @@ def setting_in():
         yield time, x, CubicSpline(time, x)(time, 1)
 
 
-def campaign(seed, more=lambda i, t, x, v: 0.0, known=(), still=0.0, courses=motions):
+def campaign(seed, more=lambda i, t, x, v: 0.0, known=(), still=0.0, courses=motions, noise=NOISE):
     rng = np.random.default_rng(seed)
     entries, channels = [], {}
     for i, (time, x, v) in enumerate(courses(still) if still else courses()):
         force = STIFFNESS * x + DAMPING * v + more(i, time, x, v)
-        force = force + NOISE * rng.standard_normal(SAMPLES)
-        moved = x + 0.05 * NOISE / STIFFNESS * rng.standard_normal(SAMPLES)
+        force = force + noise * rng.standard_normal(SAMPLES)
+        moved = x + 0.05 * noise / STIFFNESS * rng.standard_normal(SAMPLES)
         file = f'r{i}.mcap'
         entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
         channels[file] = {
@@ -103,11 +101,43 @@ def test_course_of_a_measured_speed():
 def test_the_ends_of_a_course_count_for_nothing():
     _, x, _ = next(motions())
     course = trajectory_of(x + 1e-6 * np.random.default_rng(3).normal(size=x.size), 1.0 / RATE, 0)
-    out = _turns(course, 1.0 / RATE, 0)
+    out = _noise_of(course, 1.0 / RATE, 0).turns
     reach = 0.25 * RATE / course.band
     assert np.all(out[: int(reach)])
     assert np.all(out[-int(reach) :])
     assert np.count_nonzero(out[int(reach) + 2 : -int(reach) - 2]) < 0.05 * x.size
+
+
+@pytest.mark.parametrize(('order', 'cut_off'), [(2, 200.0), (2, 270.0), (4, 150.0)])
+def test_a_filter_run_both_ways_is_told_by_the_ends_where_it_shows_nowhere_else(order, cut_off):
+    """It passes a motion of some hertz whole, but goes wrong where a recording ends in motion."""
+    low = signal.butter(order, cut_off, fs=RATE, output='sos')
+    noise = 0.005 * NOISE
+
+    def lost(i, t, x, v):
+        force = STIFFNESS * x + DAMPING * v
+        return signal.sosfiltfilt(low, force) - force
+
+    for i, (time, x, v) in enumerate(motions()):
+        motion = np.stack([x, v, np.gradient(v, time)])[:, 50:-50].T
+        within = lost(i, time, x, v)[50:-50]
+        within = within - motion @ np.linalg.lstsq(motion, within, rcond=None)[0]
+        assert np.sqrt(within @ within) < 5.0 * noise
+    answer = explain_driven(campaign(5, lost, noise=noise))
+    assert answer.accepted == ('low_pass_filter',)
+    cutoff = answer.ranking[0].parameters['cutoff']
+    assert cutoff.value == pytest.approx(cut_off, abs=4.0 * cutoff.std + 1.0)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_ends_that_no_filter_explains_do_not_count(seed):
+    """Whatever a recorder does to its last sample is no law of the device."""
+
+    def jump(i, t, x, v):
+        return np.where(t == t[-1], (8.0, -3.0, 5.0)[i] * NOISE * 5.0, 0.0)
+
+    answer = explain_driven(campaign(seed, jump))
+    assert answer.accepted == ()
 
 
 def test_noise_of_the_motion_is_whitened():
@@ -344,7 +374,7 @@ def test_friction_is_not_asked_for_where_a_motion_rests():
     speed += 1e-4 * rng.standard_normal(speed.size)
     acceleration = np.gradient(speed, 1e-3)
     course = Trajectory(np.stack([speed, speed, acceleration]), 1e-4, 500.0, np.zeros((3, 2400)))
-    rests = _turns(course, 1e-3, 1)
+    rests = _turns(course, 1e-3, 1, 0)
     assert np.mean(rests[:400]) > 0.9
     assert np.mean(rests[400:2000]) < 0.02
 

@@ -63,6 +63,7 @@ from impactscope.discrepancy.driven.systems.linear_baseline import (
     with_known,
 )
 from impactscope.discrepancy.driven.systems.plate import plate_under_hammer
+from impactscope.discrepancy.driven.systems.prescribed_motion_ends import shows_at_ends
 from impactscope.discrepancy.driven.systems.prescribed_noise_limited import PARTS, prescribed_case
 from impactscope.discrepancy.driven.systems.slow_noise import (
     knowing_slow_noise,
@@ -304,6 +305,8 @@ def _rounded_off(
         anew: a case once more, its noise known from a fit.
     """
     new = [t for t in outcome.best.terms if t.label not in labels_of(outcome.baseline.terms)]
+    # the ends of a closer course are told less well: no filter that shows there would stay
+    new = [t for t in new if not shows_at_ends(t, case.segments)]
     if not new:
         return False
     gains = []

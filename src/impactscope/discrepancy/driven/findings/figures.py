@@ -19,7 +19,7 @@ from impactscope.discrepancy.driven.fits.simulation_error import Fit, plainly_be
 from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge
 from impactscope.discrepancy.driven.model_selection.model_comparison import noise_floor
 from impactscope.discrepancy.driven.models.model import Segment
-from impactscope.discrepancy.driven.systems.prescribed_noise_limited import counting_of
+from impactscope.discrepancy.driven.systems.prescribed_motion_noise import counting_of
 from impactscope.discrepancy.evidence import (
     family_p_value,
     first_discoveries,

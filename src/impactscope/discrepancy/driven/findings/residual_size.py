@@ -24,10 +24,8 @@ from impactscope.discrepancy.driven.models.oscillator_model import OscillatorMod
 from impactscope.discrepancy.driven.search.beam_search import Outcome
 from impactscope.discrepancy.driven.systems.case import Case
 from impactscope.discrepancy.driven.systems.chain import ChainModel
-from impactscope.discrepancy.driven.systems.prescribed_noise_limited import (
-    NoiseLimitedMotionModel,
-    counting_of,
-)
+from impactscope.discrepancy.driven.systems.prescribed_motion_noise import counting_of
+from impactscope.discrepancy.driven.systems.prescribed_noise_limited import NoiseLimitedMotionModel
 from impactscope.discrepancy.evidence import quantisation_step
 
 __all__ = ['LARGER', 'SURE', 'comes_with_the_signal', 'left_open', 'more_than_noise']

@@ -11,11 +11,10 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 from scipy.interpolate import CubicSpline
 
 from impactscope.discrepancy.driven.adequacy.prescribed_laws import prescribed_laws
@@ -24,7 +23,6 @@ from impactscope.discrepancy.driven.data.recordings import Cut, derivative_of
 from impactscope.discrepancy.driven.data.trajectory import (
     KNOTS,
     Trajectory,
-    passed_by_spline,
     trajectory_of,
 )
 from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit
@@ -41,15 +39,18 @@ from impactscope.discrepancy.driven.models.mechanical_effects import Sizes, ente
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.relaxation import branch_force, relaxation
 from impactscope.discrepancy.driven.models.terms import Number, Term
-from impactscope.discrepancy.driven.noise.coloured_noise import Colour, Forgetting, forgetting
 from impactscope.discrepancy.driven.noise.spectral_whitening import weight_by_runs
 from impactscope.discrepancy.driven.systems.case import Case, throughout
+from impactscope.discrepancy.driven.systems.prescribed_motion_ends import ends_of_a_filter
+from impactscope.discrepancy.driven.systems.prescribed_motion_noise import (
+    PrescribedMotionNoise,
+    between,
+    runs,
+)
 
 __all__ = [
     'PARTS',
     'NoiseLimitedMotionModel',
-    'PrescribedMotionNoise',
-    'counting_of',
     'prescribed_case',
 ]
 
@@ -57,7 +58,6 @@ Array = NDArray[np.float64]
 
 PARTS = ('stiffness', 'damping', 'mass')  # by position, speed and acceleration
 UPPER = 0.5  # of half the rate, beyond which the force's noise is looked for
-LITTLE = 0.03  # share of the noise that is left aside
 ROUNDED = (0.002, 0.03)  # of the largest speed, in which friction turns round
 STUCK = (0.001,)  # of the largest travel, over which friction builds up; more is hysteresis
 MOST_STUCK = 0.004
@@ -65,87 +65,9 @@ RELAXES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times over the motion's own, to se
 TOLD_LESS = 0.5  # of the space between knots, from an end
 ON_A_SAMPLE = 0.02  # of the time between samples, within which a motion turns round on one
 SLOW = 3.0  # times the noise of the speed, below which a motion may as well rest
-REST = 16  # samples at rest, after which slow noise is met anew
 BY_CHANCE = 6.0  # the same, for a moment within a rest
 RESTS = 8.0  # independent values of the speed in a row, from which it does
 BEYOND = 3.0  # samples, by which a force is continued beyond its ends
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PrescribedMotionNoise:
-    """Whitens a force whose noise is a sensor's and what the motion's noise does."""
-
-    force: float  # standard deviation of a sample
-    motion: float
-    band: float  # Hz, up to which the motion's noise is left in its course
-    device: tuple[float, float, float]  # stiffness, damping and mass
-    period: float
-    ends: Array  # further variance of position, speed and acceleration near the ends, (3, n)
-    wanders: Colour | None = None  # colour of the motion's noise, over its variance
-    colour: Colour | None = None  # of the force's noise, over the variance of a sample
-    slow: Forgetting | None = None  # whitens it
-    turns: NDArray[np.bool_] | None = None  # samples that do not count, see `_turns`, (n,)
-    _kept: dict[int, tuple[Array, Array | None]] = field(
-        init=False, repr=False, default_factory=dict
-    )
-
-    def share(self, frequency: NDArray[np.floating]) -> Array:
-        """Share of the noise's power that the motion's noise makes."""
-        turn = 2.0 * math.pi * frequency
-        stiffness, damping, mass = self.device
-        passed = self.motion**2 * ((stiffness - mass * turn**2) ** 2 + (damping * turn) ** 2)
-        passed = passed * passed_by_spline(0.5 * frequency / self.band)
-        if self.wanders is not None:
-            passed = passed * self.wanders.power(2.0 * self.period * np.asarray(frequency))
-        own = np.full(turn.size, self.force**2)
-        if self.colour is not None:
-            own *= self.colour.power(2.0 * self.period * np.asarray(frequency, np.float64))
-        return np.asarray(passed / (passed + own))
-
-    def __call__(self, residual: Array) -> Array:
-        """A residual, shape (n,), in units of its noise."""
-        if residual.size not in self._kept:
-            self._kept[residual.size] = self._weights(residual.size)
-        weight, passes = self._kept[residual.size]
-        if self.turns is not None:
-            residual = _between(residual, self.turns)
-        even = weight * (residual if self.slow is None else self._slowly(residual))
-        if passes is None:
-            return np.asarray(even)
-        # by cosines: a recording does not end where it began
-        return np.asarray(fft.idct(passes * fft.dct(even)))
-
-    def _slowly(self, residual: Array) -> Array:
-        """Innovations, beginning anew after each rest: nothing is known of the level during it."""
-        assert self.slow is not None  # noqa: S101 - only then is this asked
-        if self.turns is None:
-            return self.slow(residual)
-        out = np.zeros(residual.size)
-        last = 0
-        for begin, end in (*_runs(self.turns, REST), (residual.size, residual.size)):
-            if begin > last:
-                out[last:begin] = self.slow(residual[last:begin])
-            last = end
-        return out
-
-    def counted(self, size: int) -> int:
-        """How many of so many samples count at all."""
-        return size if self.turns is None else size - int(np.count_nonzero(self.turns))
-
-    def _weights(self, size: int) -> tuple[Array, Array | None]:
-        """What each sample counts, and each line where the motion's noise matters, (n,)."""
-        more = np.square(self.device) @ self.ends / self.force**2
-        if self.slow is not None:
-            more = more * self.slow.scale[-1] ** 2
-        if self.turns is not None:
-            more = np.where(self.turns, np.inf, more)
-        share = self.share(0.5 / (size * self.period) * np.arange(size, dtype=np.float64))
-        passes = None if np.max(share) < LITTLE else np.sqrt(1.0 - share)
-        return 1.0 / np.sqrt(1.0 + more) / self.force, passes
-
-    def knowing(self, colour: Colour, size: int) -> PrescribedMotionNoise:
-        """The same where the noise of the force has a colour, in units of its white level."""
-        return dataclasses.replace(self, colour=colour, slow=forgetting(colour, size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,7 +214,6 @@ def prescribed_case(
     """
     if derivative_of(cuts[0].drive_unit) > 1:
         return None
-    bands: list[tuple[float, float, Array, Colour | None, NDArray[np.bool_] | None]]
     if found is None:
         courses = [_course(c, knots) for c in cuts]
         if not all(np.all(np.isfinite(k.motion)) for k in courses):
@@ -301,20 +222,12 @@ def prescribed_case(
         model = _linear(cuts, segments, parts)
         made = fit(model, (), segments, {}, tolerance=FINE)
         order = derivative_of(cuts[0].drive_unit)
-        bands = [
-            (k.noise, k.band, k.ends, k.colour, _turns(k, s.period, order))
-            for k, s in zip(courses, segments, strict=True)
-        ]
+        known = [_noise_of(k, s.period, order) for k, s in zip(courses, segments, strict=True)]
     else:
         assert isinstance(found.model, NoiseLimitedMotionModel)  # noqa: S101 - made below
         segments, model, made = list(found.segments), found.model, found.baseline
-        known = [s.whitener for s in segments]
-        bands = [
-            (w.motion, w.band, w.ends, w.wanders, w.turns)
-            for w in known
-            if isinstance(w, PrescribedMotionNoise)
-        ]
-    noise = _noise(cuts, segments, best or made, [turns for *_, turns in bands])
+        known = [w for s in segments if isinstance(w := s.whitener, PrescribedMotionNoise)]
+    noise = _noise(cuts, segments, best or made, [w.turns for w in known])
     if not noise > 0.0:
         return None
     stiffness, damping, mass = (made.values.get(name, 0.0) for name in PARTS)
@@ -323,22 +236,18 @@ def prescribed_case(
             s,
             weight=weight_by_runs(s.measured, noise),
             noise=noise,
-            whitener=PrescribedMotionNoise(
-                noise,
-                moved,
-                band,
-                (stiffness, damping, mass),
-                s.period,
-                ends,
-                wanders,
-                turns=turns,
+            whitener=dataclasses.replace(
+                w, force=noise, device=(stiffness, damping, mass), colour=None, slow=None
             ),
         )
-        for s, (moved, band, ends, wanders, turns) in zip(segments, bands, strict=True)
+        for s, w in zip(segments, known, strict=True)
     ]
     if found is None:
         model = dataclasses.replace(model, terms=_terms(cuts, ready, made, noise))
     baseline = fit(model, (), ready, made.values, tolerance=FINE)
+    if ends := ends_of_a_filter(model, ready, best or baseline):
+        ready = ends
+        baseline = fit(model, (), ready, made.values, tolerance=FINE)
     return Case(
         model,
         ready,
@@ -350,16 +259,32 @@ def prescribed_case(
     )
 
 
-def _turns(course: Trajectory, period: float, order: int) -> NDArray[np.bool_]:
+def _noise_of(course: Trajectory, period: float, order: int) -> PrescribedMotionNoise:
+    """What is known of the noise before the device and the noise of the force are."""
+    size = course.motion.shape[1]
+    reach = min(math.ceil(TOLD_LESS / (2.0 * course.band * period)), size // 8)
+    return PrescribedMotionNoise(
+        math.nan,
+        course.noise,
+        course.band,
+        (math.nan,) * 3,
+        period,
+        course.ends,
+        course.colour,
+        turns=_turns(course, period, order, reach),
+        reach=reach,
+    )
+
+
+def _turns(course: Trajectory, period: float, order: int, reach: int) -> NDArray[np.bool_]:
     """Samples at which the motion turns round, rests or has an end, shape (n,).
 
-    Dry friction may have either sign there, or any force between: which, nobody knows. At an end
-    the course is told from one side only.
+    Dry friction may have either sign there, or any force between: which, nobody knows. Within
+    ``reach`` samples of an end the course is told from one side only.
     """
     _, speed, acceleration = course.motion
     turns = np.abs(speed) < ON_A_SAMPLE * period * np.abs(acceleration)
     turns |= _rests(course, period, order)
-    reach = min(math.ceil(TOLD_LESS / (2.0 * course.band * period)), turns.size // 8)
     turns[:reach] = turns[turns.size - reach :] = True
     return np.asarray(turns)
 
@@ -376,34 +301,13 @@ def _rests(course: Trajectory, period: float, order: int) -> NDArray[np.bool_]:
     known = np.sqrt(course.noise**2 * passed + course.ends[1])
     speed = np.abs(course.motion[1])
     slow = speed <= SLOW * known
-    long = [r for r in _runs(slow) if 2.0 * course.band * period * (r[1] - r[0]) > RESTS]
+    long = [r for r in runs(slow) if 2.0 * course.band * period * (r[1] - r[0]) > RESTS]
     rests = np.zeros(speed.size, np.bool_)
-    for first, last in _runs(speed <= BY_CHANCE * known):
+    for first, last in runs(speed <= BY_CHANCE * known):
         if any(first <= a and b <= last for a, b in long):
             inside = first + np.flatnonzero(slow[first:last])
             rests[inside[0] : inside[-1] + 1] = True
     return rests
-
-
-def _runs(marked: NDArray[np.bool_], least: int = 1) -> list[tuple[int, int]]:
-    """First sample of each run of marked ones, and the one behind its last."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]])))
-    return [(a, b) for a, b in ends.reshape(-1, 2).tolist() if b - a >= least]
-
-
-def counting_of(segment: Segment, values: Array) -> Array:
-    """Values, shape (n,), at the samples that count: none at which friction has no sign."""
-    known = segment.whitener
-    if isinstance(known, PrescribedMotionNoise) and known.turns is not None:
-        return values[~known.turns]
-    return values
-
-
-def _between(values: Array, left_out: NDArray[np.bool_]) -> Array:
-    """Values with some of them interpolated from their neighbours, shape (n,)."""
-    place = np.arange(values.size)
-    kept = ~left_out
-    return np.where(left_out, np.interp(place, place[kept], values[kept]), values)
 
 
 def _muffled(segments: Sequence[Segment]) -> Callable[[Fit], Sequence[float]]:
@@ -475,7 +379,7 @@ def _noise(
     levels = []
     for s, left, turning in zip(segments, made.residuals, turns, strict=True):
         if not s.held_out:
-            residual = left if turning is None else _between(left, turning)
+            residual = left if turning is None else between(left, turning)
             power = np.abs(np.fft.rfft(residual * np.hanning(residual.size))) ** 2
             upper = power[int(UPPER * power.size) :]
             levels.append(float(np.median(upper)) / math.log(2.0) / (0.375 * residual.size))

@@ -37,7 +37,7 @@ from impactscope.discrepancy.driven.noise.kalman_whitening import Whitener
 from impactscope.discrepancy.driven.noise.spectral_whitening import Stepped
 from impactscope.discrepancy.driven.systems.case import Case
 from impactscope.discrepancy.driven.systems.chain_noise import ChainNoise, settled_ends
-from impactscope.discrepancy.driven.systems.prescribed_noise_limited import PrescribedMotionNoise
+from impactscope.discrepancy.driven.systems.prescribed_motion_noise import PrescribedMotionNoise
 
 __all__ = [
     'colour_of_recordings',
