@@ -9,7 +9,9 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.data.trajectory import Trajectory, _end, trajectory_of
+from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.noise.coloured_noise import Colour
+from impactscope.discrepancy.driven.systems.prescribed_motion_ends import _ends
 from impactscope.discrepancy.driven.systems.prescribed_motion_noise import PrescribedMotionNoise
 from impactscope.discrepancy.driven.systems.prescribed_noise_limited import _noise_of, _turns
 
@@ -53,8 +55,8 @@ def campaign(seed, more=lambda i, t, x, v: 0.0, known=(), still=0.0, courses=mot
     entries, channels = [], {}
     for i, (time, x, v) in enumerate(courses(still) if still else courses()):
         force = STIFFNESS * x + DAMPING * v + more(i, time, x, v)
-        force = force + noise * rng.standard_normal(SAMPLES)
-        moved = x + 0.05 * noise / STIFFNESS * rng.standard_normal(SAMPLES)
+        force = force + noise * rng.standard_normal(time.size)
+        moved = x + 0.05 * noise / STIFFNESS * rng.standard_normal(time.size)
         file = f'r{i}.mcap'
         entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
         channels[file] = {
@@ -138,6 +140,40 @@ def test_ends_that_no_filter_explains_do_not_count(seed):
 
     answer = explain_driven(campaign(seed, jump))
     assert answer.accepted == ()
+
+
+@pytest.mark.parametrize('reach', [3, 80])
+def test_an_end_is_as_long_as_its_course_is_told_less_well(reach):
+    """Of slow motions that is longer than any filter's memory."""
+    size = 1000
+    turns = np.zeros(size, np.bool_)
+    turns[:200] = turns[-reach:] = True  # it begins at rest
+    noise = PrescribedMotionNoise(
+        1.0, 1e-3, 5.0, (0.0, 0.0, 0.0), 1e-3, np.zeros((3, size)), turns=turns, reach=reach
+    )
+    force = 1e4 * np.sin(3.0 * np.arange(size) / RATE)
+    low = signal.butter(2, 100.0, fs=RATE, output='sos')
+    passed = signal.sosfiltfilt(low, force)
+    segment = Segment(
+        'r.mcap', 'force', 'N', False, 0.0, 1e-3, passed, np.zeros((3, size)), whitener=noise
+    )
+    (end,) = _ends(segment, passed - force)
+    assert end.left.size == reach
+    most = np.max(np.abs(end.left))
+    assert end.farthest(2, 100.0, 'few turned') < 0.01 * most
+    assert all(end.farthest(2, 100.0, other) > 0.3 * most for other in ('turned', 'held', 'not'))
+
+
+def test_an_end_of_next_to_nothing_is_left_alone():
+    turns = np.zeros(24, np.bool_)
+    turns[:3] = turns[-3:] = True
+    noise = PrescribedMotionNoise(
+        1.0, 1e-3, 5.0, (0.0, 0.0, 0.0), 1e-3, np.zeros((3, 24)), turns=turns, reach=3
+    )
+    few = Segment(
+        'r.mcap', 'force', 'N', False, 0.0, 1e-3, np.ones(24), np.zeros((3, 24)), whitener=noise
+    )
+    assert list(_ends(few, 50.0 * np.ones(24))) == []
 
 
 def test_noise_of_the_motion_is_whitened():

@@ -37,9 +37,9 @@ LOWEST, HIGHEST = 0.02, 0.45  # sampling rates: cut-offs that are tried
 CUT_OFFS = 25
 FINE = 8  # times the sampling rate, at which a filter runs
 MEMORY = 1.0  # times the order, periods of a cut-off in which a filter forgets
-# beyond the ends the signal goes on as if turned about them, or stays; None: either run of the
-# filter sets out from the first value that it is given
-CONTINUED: tuple[str | None, ...] = ('odd', 'constant', None)
+# beyond the ends the signal goes on as if turned about them, for as long as a filter remembers or
+# for a few samples alone; or it stays; or either run of the filter sets out from its first value
+CONTINUED = ('turned', 'few turned', 'held', 'not')
 
 
 class _End(NamedTuple):
@@ -50,16 +50,22 @@ class _End(NamedTuple):
     noise: Array
     rate: float
 
-    def farthest(self, order: int, cut_off: float, continued: str | None) -> float:
+    def farthest(self, order: int, cut_off: float, continued: str) -> float:
         """Largest that such a filter would leave in the last samples, over the noise."""
+        lost = (self._filtered(order, cut_off, continued) - self.force)[-self.left.size :]
+        return float(np.max(np.abs(self.left - lost / self.noise)))
+
+    def _filtered(self, order: int, cut_off: float, continued: str) -> Array:
+        if continued == 'few turned':  # the rule of the usual libraries, at the rate of recording
+            low = signal.butter(order, cut_off, fs=self.rate, output='sos')
+            return np.asarray(signal.sosfiltfilt(low, self.force))
         fine = np.linspace(0.0, self.force.size - 1.0, FINE * (self.force.size - 1) + 1)
         course = CubicSpline(np.arange(self.force.size), self.force)(fine)
         low = signal.butter(order, cut_off, fs=FINE * self.rate, output='sos')
         pad = min(math.ceil(MEMORY * order * FINE * self.rate / cut_off), fine.size - 1)
-        pad = pad if continued else 0
-        passed = signal.sosfiltfilt(low, course, padtype=continued, padlen=pad)[::FINE]
-        lost = (passed - self.force)[-self.left.size :]
-        return float(np.max(np.abs(self.left - lost / self.noise)))
+        kind = {'turned': 'odd', 'held': 'constant'}.get(continued)
+        passed = signal.sosfiltfilt(low, course, padtype=kind, padlen=pad if kind else 0)
+        return np.asarray(passed[::FINE])
 
 
 def ends_of_a_filter(model: Model, segments: Sequence[Segment], made: Fit) -> list[Segment] | None:
@@ -91,7 +97,7 @@ def ends_of_a_filter(model: Model, segments: Sequence[Segment], made: Fit) -> li
     return [dataclasses.replace(s, whitener=_counting(_noise(s))) for s in segments]
 
 
-def _least(ends: Sequence[_End], order: int, continued: str | None) -> float:
+def _least(ends: Sequence[_End], order: int, continued: str) -> float:
     """What the filter of the best cut-off leaves in the farthest of the ends."""
 
     def left(cut_off: float) -> float:
@@ -109,7 +115,9 @@ def _ends(segment: Segment, residual: Array) -> Iterator[_End]:
     noise = _noise(segment)
     deviation = np.sqrt(noise.force**2 + WORSE**2 * (np.square(noise.device) @ noise.ends))
     force = segment.measured - residual
-    near = min(math.ceil(1.0 / LOWEST), force.size)
+    near = noise.reach + math.ceil(1.0 / LOWEST)
+    if force.size < near:  # too short to filter
+        return
     for end in _in_motion(noise):
         way = slice(None, None, 1 if end.stop == force.size else -1)
         yield _End(
