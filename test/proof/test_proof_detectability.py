@@ -189,6 +189,18 @@ def test_what_differs_by_the_moment_of_a_contact_alone_is_no_difference(monkeypa
     assert alternatives(*asked['a'], **asked['k'])['low_pass_filter'] < 0.5
 
 
+def test_a_further_branch_of_a_layer_looks_like_a_wrong_dashpot(monkeypatch):
+    """The layer's own branch relaxes within seconds: both lose a little over the contact."""
+    asked = {}
+    monkeypatch.setattr(proof_draw, 'alternatives', lambda *a, **k: asked.update(a=a, k=k) or {})
+    hidden = draw(np.random.default_rng([139395941784305, 32]))
+    assert [p.name for p in hidden.parts] == ['rate_dependent_damper']
+    wrong = effect('wrong_parameter:damper.branches.0.damping')
+    monkeypatch.setattr(proof_draw, 'EFFECTS', [wrong])
+    near = alternatives(*asked['a'], **asked['k'])['wrong_parameter']
+    assert 1.0 < near < CONFUSABLE < hidden.detectability
+
+
 def test_nothing_left_looks_like_nothing(freedom):
     chosen = effect('coulomb_friction')
     near = alternatives(np.random.default_rng(0), freedom, freedom.baseline, {chosen.key})

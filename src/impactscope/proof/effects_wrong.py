@@ -169,6 +169,7 @@ WRONG_NUMBERS: tuple[Effect, ...] = (
     _wrong('sensor.stiffness', _scaled('stiffness'), struck, _spring),
     _wrong('damper.parallel_stiffness', _scaled('layer_stiffness'), with_layer),
     _wrong('damper.branches.0.stiffness', _scaled('branch_stiffness'), with_layer),
+    _wrong('damper.branches.0.damping', _scaled('branch_damping'), with_layer),
     _wrong('pendulum.moving_mass', _pendulum('moving_mass'), swung),
     _wrong('pendulum.rod_mass', _pendulum('rod_mass'), swung),
     _wrong('pendulum.contact_distance', _pendulum('contact_distance'), swung),
