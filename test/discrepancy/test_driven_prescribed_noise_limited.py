@@ -142,38 +142,40 @@ def test_ends_that_no_filter_explains_do_not_count(seed):
     assert answer.accepted == ()
 
 
+def with_ends(measured, reach, rest=0):
+    """A force whose course is told less well over ``reach`` samples; at rest for some at first."""
+    turns = np.zeros(measured.size, np.bool_)
+    turns[: max(reach, rest)] = turns[-reach:] = True
+    known = np.zeros((3, measured.size))
+    noise = PrescribedMotionNoise(
+        1.0, 1e-3, 5.0, (0.0, 0.0, 0.0), 1.0 / RATE, known, turns=turns, reach=reach
+    )
+    return Segment('r.mcap', 'f', 'N', False, 0.0, 1.0 / RATE, measured, known, whitener=noise)
+
+
 @pytest.mark.parametrize('reach', [3, 80])
 def test_an_end_is_as_long_as_its_course_is_told_less_well(reach):
     """Of slow motions that is longer than any filter's memory."""
-    size = 1000
-    turns = np.zeros(size, np.bool_)
-    turns[:200] = turns[-reach:] = True  # it begins at rest
-    noise = PrescribedMotionNoise(
-        1.0, 1e-3, 5.0, (0.0, 0.0, 0.0), 1e-3, np.zeros((3, size)), turns=turns, reach=reach
-    )
-    force = 1e4 * np.sin(3.0 * np.arange(size) / RATE)
+    force = 1e4 * np.sin(3.0 * np.arange(1000) / RATE)
     low = signal.butter(2, 100.0, fs=RATE, output='sos')
     passed = signal.sosfiltfilt(low, force)
-    segment = Segment(
-        'r.mcap', 'force', 'N', False, 0.0, 1e-3, passed, np.zeros((3, size)), whitener=noise
-    )
-    (end,) = _ends(segment, passed - force)
+    (end,) = _ends(with_ends(passed, reach, rest=200), passed - force)
     assert end.left.size == reach
     most = np.max(np.abs(end.left))
     assert end.farthest(2, 100.0, 'few turned') < 0.01 * most
     assert all(end.farthest(2, 100.0, other) > 0.3 * most for other in ('turned', 'held', 'not'))
 
 
+def test_an_end_is_nothing_of_its_own_where_as_much_is_left_everywhere():
+    segment = with_ends(np.ones(400), 3)
+    alone, alike = np.zeros(400), np.full(400, 50.0)
+    alone[-3:] = 50.0
+    largest = [max(np.max(np.abs(e.left)) for e in _ends(segment, r)) for r in (alone, alike)]
+    assert largest == pytest.approx([50.0, 1.0])
+
+
 def test_an_end_of_next_to_nothing_is_left_alone():
-    turns = np.zeros(24, np.bool_)
-    turns[:3] = turns[-3:] = True
-    noise = PrescribedMotionNoise(
-        1.0, 1e-3, 5.0, (0.0, 0.0, 0.0), 1e-3, np.zeros((3, 24)), turns=turns, reach=3
-    )
-    few = Segment(
-        'r.mcap', 'force', 'N', False, 0.0, 1e-3, np.ones(24), np.zeros((3, 24)), whitener=noise
-    )
-    assert list(_ends(few, 50.0 * np.ones(24))) == []
+    assert list(_ends(with_ends(np.ones(24), 3), np.full(24, 50.0))) == []
 
 
 def test_noise_of_the_motion_is_whitened():

@@ -23,6 +23,7 @@ from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Term
 from impactscope.discrepancy.driven.systems.prescribed_motion_noise import (
     PrescribedMotionNoise,
+    counting_of,
     runs,
 )
 
@@ -46,14 +47,14 @@ class _End(NamedTuple):
     """An end in motion: the force there as it would be unfiltered, the end last."""
 
     force: Array  # some samples up to the end
-    left: Array  # what the last of them leave of what was measured, over the noise there
-    noise: Array
+    left: Array  # what the last of them leave of what was measured, over the deviation there
+    deviation: Array  # by the noise, or as large as what is left elsewhere
     rate: float
 
     def farthest(self, order: int, cut_off: float, continued: str) -> float:
-        """Largest that such a filter would leave in the last samples, over the noise."""
+        """Largest that such a filter would leave in the last samples, over the deviation."""
         lost = (self._filtered(order, cut_off, continued) - self.force)[-self.left.size :]
-        return float(np.max(np.abs(self.left - lost / self.noise)))
+        return float(np.max(np.abs(self.left - lost / self.deviation)))
 
     def _filtered(self, order: int, cut_off: float, continued: str) -> Array:
         if continued == 'few turned':  # the rule of the usual libraries, at the rate of recording
@@ -103,7 +104,7 @@ def _least(ends: Sequence[_End], order: int, continued: str) -> float:
     def left(cut_off: float) -> float:
         return max(e.farthest(order, cut_off, continued) for e in ends)
 
-    tried = np.geomspace(LOWEST, HIGHEST, CUT_OFFS) * ends[0].rate
+    tried = np.geomspace(LOWEST, HIGHEST, CUT_OFFS) * min(e.rate for e in ends)
     best = int(np.argmin([left(c) for c in tried.tolist()]))
     around = float(tried[max(best - 1, 0)]), float(tried[min(best + 1, CUT_OFFS - 1)])
     found = optimize.minimize_scalar(left, bounds=around, method='bounded')
@@ -114,6 +115,9 @@ def _ends(segment: Segment, residual: Array) -> Iterator[_End]:
     """The ends of a segment that do not count though the motion goes on there."""
     noise = _noise(segment)
     deviation = np.sqrt(noise.force**2 + WORSE**2 * (np.square(noise.device) @ noise.ends))
+    # where much is missing everywhere, ends are nothing of their own
+    elsewhere = float(np.sqrt(np.mean(counting_of(segment, residual) ** 2)))
+    deviation *= max(1.0, elsewhere / noise.force)
     force = segment.measured - residual
     near = noise.reach + math.ceil(1.0 / LOWEST)
     if force.size < near:  # too short to filter
