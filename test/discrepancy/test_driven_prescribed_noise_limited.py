@@ -11,7 +11,7 @@ from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.data.trajectory import Trajectory, _end, trajectory_of
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.noise.coloured_noise import Colour
-from impactscope.discrepancy.driven.systems.prescribed_motion_ends import _ends
+from impactscope.discrepancy.driven.systems.prescribed_motion_ends import CONTINUED, _ends, _least
 from impactscope.discrepancy.driven.systems.prescribed_motion_noise import PrescribedMotionNoise
 from impactscope.discrepancy.driven.systems.prescribed_noise_limited import _noise_of, _turns
 
@@ -111,8 +111,7 @@ def test_the_ends_of_a_course_count_for_nothing():
 
 
 @pytest.mark.parametrize(('order', 'cut_off'), [(2, 200.0), (2, 270.0), (4, 150.0)])
-def test_a_filter_run_both_ways_is_told_by_the_ends_where_it_shows_nowhere_else(order, cut_off):
-    """It passes a motion of some hertz whole, but goes wrong where a recording ends in motion."""
+def test_a_filter_run_both_ways_that_hardly_shows_within_recordings_is_told(order, cut_off):
     low = signal.butter(order, cut_off, fs=RATE, output='sos')
     noise = 0.005 * NOISE
 
@@ -164,6 +163,17 @@ def test_an_end_is_as_long_as_its_course_is_told_less_well(reach):
     most = np.max(np.abs(end.left))
     assert end.farthest(2, 100.0, 'few turned') < 0.01 * most
     assert all(end.farthest(2, 100.0, other) > 0.3 * most for other in ('turned', 'held', 'not'))
+
+
+def test_one_cut_off_explains_an_end_that_a_filter_made_and_none_a_spike():
+    force = 1e4 * np.sin(3.0 * np.arange(1000) / RATE)
+    low = signal.butter(2, 100.0, fs=RATE, output='sos')
+    made = signal.sosfiltfilt(low, force) - force
+    spike = np.where(np.arange(force.size) == force.size - 1, -np.max(np.abs(made)), 0.0)
+    for residual, most in ((made, 0.05), (spike, 0.25)):
+        (end,) = _ends(with_ends(force + residual, 8, rest=200), residual)
+        share = min(_least((end,), 2, rule) for rule in CONTINUED) / np.max(np.abs(end.left))
+        assert (share < most) == (residual is made)
 
 
 def test_an_end_is_nothing_of_its_own_where_as_much_is_left_everywhere():

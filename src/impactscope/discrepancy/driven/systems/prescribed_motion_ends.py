@@ -33,7 +33,8 @@ Array = NDArray[np.float64]
 
 WORSE = 2.0  # times what white noise has it: how far a course may be off at an end
 ODD, EXPLAINED = 6.0, 4.0  # times that: what no course makes, and what a filter may leave
-MOST, FEWEST = 0.25, 2  # of what stands out, that it may leave as well, and ends that stand out
+# of what stands out, that it may leave as well, and ends that stand out; set, not measured
+MOST, FEWEST = 0.25, 2
 LOWEST, HIGHEST = 0.02, 0.45  # sampling rates: cut-offs that are tried
 CUT_OFFS = 25
 FINE = 8  # times the sampling rate, at which a filter runs
