@@ -119,6 +119,24 @@ def test_waves_of_noise_in_a_short_quiet_are_no_blow():
     assert beside_others == 0
 
 
+def test_waves_of_noise_of_an_impactor_are_no_contact():
+    """Forty milliseconds hold few of the waves of a pendulum that hangs beside a tap."""
+    rng = np.random.default_rng(2)
+    struck = force()
+    early = []
+    for _ in range(40):
+        waves = signal.lfilter([0.22], [1.0, -0.975], rng.standard_normal(TIME.size + 400))[400:]
+        hanging = channel('acceleration.impactor', waves, 0.01)
+        channels = {c.name: c for c in (struck, hanging)}
+        recording = CampaignRecording('tap.mcap', kind='tap', channels=channels)
+        alone = _first_sight(channels)
+        ((_, told),) = _seen_again([(recording, alone)], {'acceleration.impactor': 1.0})
+        early.append([onset < CONTACT - 1e-3 for onset in (alone, told)])
+    without, beside_others = np.sum(early, axis=0)
+    assert without > 4
+    assert beside_others == 0
+
+
 def test_a_heavy_plate_loads_its_spring_before_it_is_clearly_seen():
     """A twentieth of the peak is a hundred times the noise: what leads to it is no quiet."""
     rising = ChannelSamples('force', 'N', RATE, 0.0, force(400.0).values / 10.0)

@@ -255,7 +255,7 @@ def _first_sight(
             impactor = channels.get('acceleration.impactor')
             if impactor is None or 'acceleration.plate' in channels:
                 return found
-            return _touched(impactor, found, least)
+            return _touched(impactor, found, least, (noise or {}).get(impactor.name, 0.0))
     if any(c in channels for c in CHANNELS if c != 'acceleration.impactor'):
         return None
     alone = [channels['acceleration.impactor']]
@@ -263,10 +263,13 @@ def _first_sight(
     return _onset(alone, noise=noise) if found is None else found
 
 
-def _touched(channel: ChannelSamples, seen: float, least: float = 0.0) -> float:
+def _touched(
+    channel: ChannelSamples, seen: float, least: float = 0.0, noise: float = 0.0
+) -> float:
     """Moment at which an impactor meets what the force shows at ``seen``, s; never later.
 
     ``least``: change of its acceleration, m/s^2, up to which it may only have been let go.
+    ``noise``: of a sample, as other recordings tell it: slow noise may be still for a while.
     """
     since = channel.time - seen
     before = (since > -3.0 * _LATER) & (since < -_LATER) & np.isfinite(channel.values)
@@ -277,7 +280,8 @@ def _touched(channel: ChannelSamples, seen: float, least: float = 0.0) -> float:
     level = float(np.median(quiet))
     size = np.abs(np.nan_to_num(channel.values[near] - level))
     own = float(np.max(np.abs(quiet - level)))
-    threshold = max(0.05 * float(np.max(size)), 8.0 * noise_std(quiet), 1.5 * own, least)
+    sigma = max(noise, noise_std(quiet))
+    threshold = max(0.05 * float(np.max(size)), 8.0 * sigma, 1.5 * own, least)
     if not np.any(size > threshold):
         return seen
     first = int(np.argmax(size > threshold))
