@@ -280,6 +280,27 @@ def test_fits_confirm_what_they_have_beside_what_is_accepted(monkeypatch, name, 
     assert set(labels) <= set(outcome.found)
 
 
+@pytest.mark.parametrize(('left', 'confirmed'), [(8.0, True), (-2.0, False), (None, False)])
+def test_where_contacts_amplify_a_fit_to_all_has_to_bear_out(monkeypatch, left, confirmed):
+    """A prediction that is missed by far is met in proportion by luck: 157 of chi-square once."""
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: SimpleNamespace(reduced=2.6))
+    monkeypatch.setattr(held_out, 'further_misfit', lambda *_: -157.0)
+    outcome = outcome_of(50.0)
+    item = found_of(candidate_of('hysteresis'), -10.0)
+    item = dataclasses.replace(item, gain=15.0)
+    item.fit.chi_square = outcome.final.chi_square - 15.0
+    outcome.last, outcome.held_out_final = [item], SimpleNamespace(reduced=2.6)
+
+    def together(own, _predicted, _candidates):
+        if own is not item.fit:
+            return SimpleNamespace(chi_square=1000.0)
+        return None if left is None else SimpleNamespace(chi_square=1000.0 - 15.0 - left)
+
+    monkeypatch.setattr(held_out, 'fit_together', together)
+    held_out._confirm(outcome, Thresholds(), 3)
+    assert ('hysteresis' in {c.label for c in outcome.accepted}) is confirmed
+
+
 def test_what_held_out_recordings_confirm_may_make_an_earlier_finding_idle(monkeypatch):
     outcome = outcome_of(50.0)
     item = found_of(candidate_of('hysteresis'), -40.0)

@@ -316,14 +316,17 @@ def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
     """Accept what the fitted recordings only suggest where the held-out ones bear it out.
 
     Nothing is fitted to these, so their chi-square counts beside that of the fit; but by no more
-    than what this gains, for a late contact amplifies whatever moves it. With both it has to be
-    likelier than nothing.
+    than what this gains, for a late contact amplifies whatever moves it. Where they are missed
+    for that they are fitted as well. With both it has to be likelier than nothing.
     """
     held_out = outcome.final.model.data.held_out
+    ratio = thresholds.unexplained_ratio
     while len(outcome.accepted) < most and outcome.held_out_final is not None:
         if not time_left('what the fitted recordings only suggest'):
             return
         able = []
+        before = outcome.held_out_final
+        amplified = before.reduced > ratio * max(1.0, outcome.final.reduced)
         for item in outcome.last[:_CONFIRMED]:
             wanted = least_gain(item.candidate.cost, outcome.looks, thresholds.false_finding)
             known = item.candidate.label in {c.label for c in outcome.accepted}
@@ -334,7 +337,10 @@ def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
             predicted = held_out_fit(item.fit, held_out, outcome.window)
             if predicted is None:
                 continue
-            worse = further_misfit((outcome.final, outcome.held_out_final), (item.fit, predicted))
+            if amplified:
+                worse = _worse_together(outcome, before, item, predicted)
+            else:
+                worse = further_misfit((outcome.final, before), (item.fit, predicted))
             more = min(-worse / max(1.0, predicted.reduced), item.gain)
             gain, criterion = item.gain + more, item.criterion - more
             chance = chance_of(item.candidate, item.fit, gain, outcome.looks)
@@ -357,3 +363,16 @@ def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
         outcome.p_value = min(outcome.p_value, best.p_value)
         outcome.final, outcome.held_out_final = best.fit, predicted
         outcome.tests, outcome.last = None, []
+
+
+def _worse_together(outcome: Outcome, before: Fit, item: Found, predicted: Fit) -> float:
+    """Rise of chi-square of held-out recordings with a further finding, if all are fitted.
+
+    What a fit leaves open of its numbers is allowed for in a prediction as if blows followed it
+    in proportion. Where contacts amplify it by far, what is missed so says nothing.
+    """
+    now = fit_together(outcome.final, before, outcome.accepted)
+    then = fit_together(item.fit, predicted, [*outcome.accepted, item.candidate])
+    if now is None or then is None:
+        return math.inf
+    return (then.chi_square - now.chi_square) - (item.fit.chi_square - outcome.final.chi_square)
