@@ -10,6 +10,7 @@ import pytest
 from scipy import signal
 
 from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact import explain as impact_explain
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.explain import _certain, _without_slow
@@ -252,3 +253,44 @@ def test_a_level_is_the_one_that_a_scan_of_all_finds(size):
     scan = [_likelihood(stretches, _with(known, shape, level, rate)) for level in _LEVELS]
     assert reached > _likelihood(stretches, known)
     assert reached >= max(scan)
+
+
+@pytest.mark.parametrize(
+    ('found_again', 'still_slow', 'searched_in', 'believed'),
+    [
+        (('offset',), ('impactor',), [{'plate', 'impactor'}, {'impactor'}], {'impactor'}),
+        (('offset',), (), [{'plate', 'impactor'}], set()),
+        (('offset',), ('plate',), [{'plate', 'impactor'}], {'plate', 'impactor'}),
+        ((), ('impactor',), [{'plate', 'impactor'}], {'plate', 'impactor'}),
+    ],
+)
+def test_an_offset_that_is_found_in_slow_noise_too_leaves_no_level_to_noise(
+    monkeypatch, found_again, still_slow, searched_in, believed
+):
+    """A stop beside it was lost in noise that was nothing but the offset."""
+    offset = SimpleNamespace(name='offset', label='offset:plate', channel='plate', cost=1)
+    stop = SimpleNamespace(name='end_stop', label='end_stop', channel='', cost=2)
+    blow = SimpleNamespace(channels={'plate': SimpleNamespace(colour=None)})
+    data = SimpleNamespace(blows=[blow])
+    final = SimpleNamespace(reduced=1.0, layout=None, model=None)
+    whole = SimpleNamespace(accepted=[offset, stop], found={}, final=final)
+    weak = SimpleNamespace(accepted=[offset] if found_again else [], final=final)
+    asked, searched = [], []
+
+    def left(_):
+        asked.append(1)
+        return dict.fromkeys(('plate', 'impactor') if len(asked) == 1 else still_slow)
+
+    def again(*_):
+        return weak if searched[-1] == {'plate', 'impactor'} else whole
+
+    monkeypatch.setattr(impact_explain, 'noise_left', left)
+    monkeypatch.setattr(impact_explain, 'prepare', lambda _, s: searched.append(set(s)) or data)
+    monkeypatch.setattr(impact_explain, '_searched', again)
+    monkeypatch.setattr(impact_explain, '_left', lambda *_: False)
+    monkeypatch.setattr(impact_explain, '_likelier', lambda *_: False)
+    monkeypatch.setattr(impact_explain, 'with_findings', lambda *_: final)
+    _, outcome, noise = impact_explain._in_slower_noise(None, data, whole, None, None)
+    assert searched == searched_in
+    assert set(noise) == believed
+    assert (outcome is whole) is (believed in (set(), {'impactor'}))

@@ -98,28 +98,48 @@ def explain_impact(campaign: Campaign, progress: Progress) -> Answer:
     campaign = with_metal_that_lets_go(campaign)
     data = prepare(campaign)
     outcome = _searched(campaign, data, thresholds, progress)
-    noise: Mapping[str, Colour] = {}  # known to be slower than the quiet shows
-    near = outcome.final.reduced < _NOISE_AT_MOST
-    unexplained = _left(outcome, thresholds)
-    explained = bool(outcome.accepted) and not unexplained
-    if near and (unexplained or (explained and not _certain(outcome))):
-        slower = noise_left(_without_slow(data, outcome))
-        if slower:
-            told = prepare(campaign, slower)
-
-            def again(share: float, text: str) -> None:
-                progress(0.9 + 0.05 * share, f'with slower noise: {text}')
-
-            other = _searched(campaign, told, thresholds, again, outcome.final.model)
-            # less explains less: what is found beyond came with the other noise
-            fewer = len(other.accepted) <= len(outcome.accepted)
-            if not explained or (fewer and not _likelier(outcome, other, slower)):
-                data, outcome, noise = told, other, slower
+    data, outcome, noise = _in_slower_noise(campaign, data, outcome, thresholds, progress)
     shown = _shown_by_one(campaign, outcome, noise, thresholds, progress)
     if shown is not None:
         campaign, data, outcome = shown
     progress(0.95, 'regions')
     return _answer(campaign, data, outcome, thresholds)
+
+
+def _in_slower_noise(
+    campaign: Campaign,
+    data: CampaignData,
+    outcome: Outcome,
+    thresholds: Thresholds,
+    progress: Progress,
+) -> tuple[CampaignData, Outcome, Mapping[str, Colour]]:
+    """The search in noise that is slower than the quiet shows, where that explains as much.
+
+    Recordings in the noise that is believed, what was found in it, and the noise of the channels
+    in which it is slower.
+    """
+    near = outcome.final.reduced < _NOISE_AT_MOST
+    unexplained = _left(outcome, thresholds)
+    explained = bool(outcome.accepted) and not unexplained
+    slower: Mapping[str, Colour] = {}
+    if near and (unexplained or (explained and not _certain(outcome))):
+        slower = noise_left(_without_slow(data, outcome))
+    while slower:
+        told = prepare(campaign, slower)
+
+        def again(share: float, text: str) -> None:
+            progress(0.9 + 0.05 * share, f'with slower noise: {text}')
+
+        other = _searched(campaign, told, thresholds, again, outcome.final.model)
+        # less explains less: what is found beyond came with the other noise
+        fewer = len(other.accepted) <= len(outcome.accepted)
+        if explained and (not fewer or _likelier(outcome, other, slower)):
+            break
+        still = _slower_still(outcome, other, slower) if explained else slower
+        if still.keys() == slower.keys():
+            return told, other, slower
+        slower = still
+    return data, outcome, {}
 
 
 def _shown_by_one(
@@ -165,6 +185,25 @@ def _likelier(outcome: Outcome, other: Outcome, slower: Mapping[str, Colour]) ->
     """Whether the findings of ``outcome`` are likelier than ``slower`` noise, as in ``other``."""
     beyond = sum(c.cost for c in outcome.accepted) - sum(c.cost for c in other.accepted)
     return likelier(outcome.final, other.final, slower, max(beyond, 1))
+
+
+def _slower_still(
+    outcome: Outcome, other: Outcome, slower: Mapping[str, Colour]
+) -> Mapping[str, Colour]:
+    """The noise that is slower than was known beside what is found in ``slower`` noise, too.
+
+    That was read from what is left without findings that it looks like. An offset that is found
+    in it all the same leaves no level that noise would have to explain.
+    """
+    again = {c.label: c.channel for c in other.accepted if c.name in _SLOW}
+    kept = [c for c in outcome.accepted if c.name not in _SLOW or c.label in again]
+    both = {again[c.label] for c in kept if c.label in again} & slower.keys()
+    if not both:
+        return slower
+    whole = len(kept) == len(outcome.accepted)
+    layout = outcome.final.layout
+    left = noise_left(outcome.final if whole else with_findings(outcome, kept, layout))
+    return slower if both <= left.keys() else {n: c for n, c in left.items() if n in slower}
 
 
 def _certain(outcome: Outcome) -> bool:
