@@ -113,6 +113,36 @@ def test_rivals_that_do_as_well_are_all_fitted(
 
 
 @pytest.mark.parametrize(
+    ('alone', 'gain', 'tried'), [(False, 732.0, True), (False, 500.0, False), (True, 732.0, False)]
+)
+def test_a_rival_that_explained_nearly_as_much_is_fitted_beside_what_was_found_later(
+    monkeypatch: pytest.MonkeyPatch, alone: bool, gain: float, tried: bool
+) -> None:
+    """A push met what a coupling left with its start; with that found a weight does as well."""
+    weight, coupling = (SimpleNamespace(label=n, name=n) for n in ('gravity_load', 'ac_coupling'))
+    beside = SimpleNamespace(candidate=PUSH, criterion=-790.0, gain=808.0)
+    fitted = SimpleNamespace(values={})
+    rival = SimpleNamespace(candidate=weight, criterion=-725.0, gain=gain, fit=fitted)
+    known = SimpleNamespace(candidate=coupling, criterion=-780.0, gain=800.0, fit=fitted)
+    rest = [] if alone else [coupling]
+    outcome = SimpleNamespace(
+        accepted=[PUSH, *rest],
+        found={PUSH.label: beside},
+        rivals={PUSH.label: [rival] if alone else [known, rival]},
+        final=SimpleNamespace(values={}, chi_square=1000.0),
+    )
+    asked: list[str] = []
+
+    def instead(*given: SimpleNamespace) -> None:
+        asked.append(given[3].label)
+
+    monkeypatch.setattr(pruning, '_instead', instead)
+    monkeypatch.setattr(pruning, '_relatives', lambda *_: [])
+    pruning._swap(outcome, PUSH, rest, beside)
+    assert asked == (['gravity_load'] if tried else [])
+
+
+@pytest.mark.parametrize(
     ('lower', 'behind', 'stays'),
     [
         ({'rival': 20.0}, 15.0, False),  # the rival had stood in a higher minimum

@@ -42,6 +42,7 @@ __all__ = [
 
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
 _RIVALS = 3  # that are
+_NEARLY = 0.8  # of a finding's gain, from which a rival is as well, where others were found later
 _AS_MUCH = 3.0  # of chi-square, by which an explanation that is as good may be behind
 _AHEAD = 0.5  # of the criterion, from which a rival takes a finding's place
 _DEEPER = 1.0  # of chi-square, by which another minimum has to be lower
@@ -148,15 +149,14 @@ def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate], beside:
     ``beside``: the finding as it was weighed when its rivals were.
     """
     mine = outcome.found[candidate.label]
-    close = [
-        r
-        for r in outcome.rivals.get(candidate.label, [])
-        if r.criterion < beside.criterion + _CLOSE
-        and r.candidate.label not in {c.label for c in rest}
-    ]
+    taken = {c.label for c in rest}
+    rivals = [r for r in outcome.rivals.get(candidate.label, []) if r.candidate.label not in taken]
+    close = [r for r in rivals if r.criterion < beside.criterion + _CLOSE]
     tied = [r for r in close[_RIVALS:] if r.criterion < beside.criterion + _TIED]
+    # what was found later was missing then, and bent each of them in its own way
+    nearly = [r for r in rivals if rest and r not in close and r.gain > _NEARLY * beside.gain]
     refitted = []
-    for rival in (*close[:_RIVALS], *tied[:_RIVALS]):
+    for rival in (*(close + nearly)[:_RIVALS], *tied[:_RIVALS]):
         known = {**outcome.final.values, **rival.fit.values}
         item = _instead(outcome, mine, rest, rival.candidate, known)
         if item is not None:
