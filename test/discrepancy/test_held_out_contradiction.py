@@ -87,6 +87,29 @@ def test_a_finding_stands_unless_predictions_get_worse(monkeypatch, gained, wors
 
 
 @pytest.mark.parametrize(
+    ('behind', 'of_rival', 'stands'), [(1.7, 1.0, True), (1.7, 15.0, False), (12.0, 1.0, False)]
+)
+def test_a_rival_that_is_not_contradicted_takes_the_place_of_what_is(
+    monkeypatch, behind, of_rival, stands
+):
+    """Of two wrong numbers that the fitted recordings do not tell apart those held out may."""
+    monkeypatch.setattr(held_out, 'held_out_fit', lambda *_: SimpleNamespace(reduced=1.0))
+    outcome = outcome_of(50.0)
+    rival = found_of(candidate_of('hysteresis'), behind - 40.0)
+    outcome.rivals['coulomb_friction'] = [rival]
+
+    def further(before, after):
+        misfit = {id(outcome.baseline): 0.0, id(rival.fit): of_rival}
+        return misfit.get(id(after[0]), 16.0) - misfit.get(id(before[0]), 16.0)
+
+    monkeypatch.setattr(held_out, 'further_misfit', further)
+    held_out.check_held_out(outcome, Thresholds(), 3)
+    assert [c.label for c in outcome.accepted] == (['hysteresis'] if stands else [])
+    if stands:  # weighed once
+        assert outcome.found['hysteresis'].criterion == pytest.approx(behind - 40.0 - 15.0)
+
+
+@pytest.mark.parametrize(
     ('behind', 'worse', 'takes_its_place'),
     [
         (1.0, -5.0, True),

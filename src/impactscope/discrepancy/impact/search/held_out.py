@@ -66,8 +66,8 @@ def check_held_out(
             outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
     for confirmed in outcome.accepted[before:]:
         join_relatives(outcome, confirmed)
-    _drop_contradicted(outcome, thresholds)
-    _weigh_rivals(outcome, thresholds)
+    if not _drop_contradicted(outcome, thresholds):
+        _weigh_rivals(outcome, thresholds)
     _by_name(outcome)
     _by_what_strikes(outcome)
     weighed = outcome.final
@@ -77,19 +77,33 @@ def check_held_out(
         outcome.tests, outcome.modes = None, []
 
 
-def _drop_contradicted(outcome: Outcome, thresholds: Thresholds) -> None:
-    """Take findings back, the last first, until the held-out recordings are not missed further."""
+def _drop_contradicted(outcome: Outcome, thresholds: Thresholds) -> bool:
+    """Take findings back, the last first, until the held-out recordings are not missed further.
+
+    Before one goes, a rival that explains about as much and that they do not contradict may take
+    its place.
+
+    Returns:
+        Whether the rivals of what is the last finding then have been weighed by them.
+    """
     held_out = outcome.final.model.data.held_out
+    weighed = False
     while outcome.accepted:
         before, after = outcome.held_out_baseline, outcome.held_out_final
         if before is None or after is None:
-            return
+            return weighed
         worse = further_misfit((outcome.baseline, before), (outcome.final, after))
         allowed = thresholds.held_out_loss * max(1.0, after.reduced)
         # beside another effect that is missing, too, a finding is not quite right
         gained = outcome.baseline.chi_square - outcome.final.chi_square
         if worse <= allowed + _NOT_QUITE * max(gained, 0.0):
-            return
+            return weighed
+        if not weighed:
+            weighed, last = True, outcome.accepted[-1]
+            _weigh_rivals(outcome, thresholds)
+            if outcome.accepted[-1] is not last:
+                continue
+        weighed = False
         dropped = outcome.accepted.pop()
         outcome.notes.append(
             f'The held-out recordings contradict what the fitted ones suggest: with '
@@ -101,6 +115,7 @@ def _drop_contradicted(outcome: Outcome, thresholds: Thresholds) -> None:
             outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
         else:
             outcome.final, outcome.held_out_final = outcome.baseline, before
+    return weighed
 
 
 def _weigh_rivals(outcome: Outcome, thresholds: Thresholds) -> None:
