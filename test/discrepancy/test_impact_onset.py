@@ -100,21 +100,34 @@ def test_a_blow_is_looked_for_in_the_part_of_a_recording_that_counts():
     assert left.time[-1] == pytest.approx(0.7, abs=1.5 / RATE)
 
 
+def begun_early(drawn, kind, noise, begin):
+    """How many recordings are seen to begin too early: alone, and beside what others tell."""
+    early = []
+    for channels in drawn:
+        recording = CampaignRecording('short.mcap', kind=kind, channels=channels)
+        alone = _first_sight(channels)
+        ((_, told),) = _seen_again([(recording, alone)], noise)
+        early.append([onset < begin - 1e-3 for onset in (alone, told)])
+    return np.sum(early, axis=0)
+
+
+def waves(count, forgets, rng):
+    """Noise of unit variance whose differences are far smaller."""
+    fresh = np.sqrt(1.0 - forgets**2) * rng.standard_normal(count + 400)
+    return signal.lfilter([1.0], [1.0, -forgets], fresh)[400:]
+
+
 def test_waves_of_noise_in_a_short_quiet_are_no_blow():
     """Differences tell a third of such noise, and thirty milliseconds hold few of its waves."""
     rng = np.random.default_rng(2)
     quiet, size = 0.032, round(0.08 * RATE)
     since = np.arange(size) / RATE - quiet
     blow = np.where(since > 0.0, 110.0 * np.sin(100.0 * np.clip(since, 0.0, 0.03)) ** 2, 0.0)
-    early = []
-    for _ in range(40):
-        waves = signal.lfilter([0.26], [1.0, -0.965], rng.standard_normal(size + 400))[400:]
-        channels = {'force': ChannelSamples('force', 'N', RATE, 0.0, blow + 2.0 * waves)}
-        recording = CampaignRecording('short.mcap', kind='robot', channels=channels)
-        alone = _first_sight(channels)
-        ((_, told),) = _seen_again([(recording, alone)], {'force': 2.0})
-        early.append([onset < quiet - 1e-3 for onset in (alone, told)])
-    without, beside_others = np.sum(early, axis=0)
+    drawn = [
+        {'force': ChannelSamples('force', 'N', RATE, 0.0, blow + 2.0 * waves(size, 0.965, rng))}
+        for _ in range(40)
+    ]
+    without, beside_others = begun_early(drawn, 'robot', {'force': 2.0}, quiet)
     assert without > 4
     assert beside_others == 0
 
@@ -123,16 +136,11 @@ def test_waves_of_noise_of_an_impactor_are_no_contact():
     """Forty milliseconds hold few of the waves of a pendulum that hangs beside a tap."""
     rng = np.random.default_rng(2)
     struck = force()
-    early = []
-    for _ in range(40):
-        waves = signal.lfilter([0.22], [1.0, -0.975], rng.standard_normal(TIME.size + 400))[400:]
-        hanging = channel('acceleration.impactor', waves, 0.01)
-        channels = {c.name: c for c in (struck, hanging)}
-        recording = CampaignRecording('tap.mcap', kind='tap', channels=channels)
-        alone = _first_sight(channels)
-        ((_, told),) = _seen_again([(recording, alone)], {'acceleration.impactor': 1.0})
-        early.append([onset < CONTACT - 1e-3 for onset in (alone, told)])
-    without, beside_others = np.sum(early, axis=0)
+    hanging = [
+        channel('acceleration.impactor', waves(TIME.size, 0.975, rng), 0.01) for _ in range(40)
+    ]
+    drawn = [{c.name: c for c in (struck, beside)} for beside in hanging]
+    without, beside_others = begun_early(drawn, 'tap', {'acceleration.impactor': 1.0}, CONTACT)
     assert without > 4
     assert beside_others == 0
 
