@@ -223,7 +223,7 @@ def test_what_is_far_too_strong_for_noise_needs_no_other_noise(name, gains, sure
 )
 def test_where_one_channel_has_slow_noise_a_level_of_any_may_be_it(monkeypatch, coloured, kept):
     findings = [
-        SimpleNamespace(name=name, channel=channel)
+        SimpleNamespace(name=name, label=name, channel=channel)
         for name, channel in (('friction', ''), ('offset', 'force'), ('hum', 'force'))
     ]
     channels = {
@@ -239,6 +239,7 @@ def test_where_one_channel_has_slow_noise_a_level_of_any_may_be_it(monkeypatch, 
     )
     found = _without_slow(data, outcome)
     assert found is final if kept is None else found == (kept, 'layout')
+    assert _without_slow(data, outcome, {'offset'}) is final
 
 
 @pytest.mark.parametrize('size', [0.15, 1.2, 4.0])

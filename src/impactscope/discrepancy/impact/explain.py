@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,7 +135,7 @@ def _in_slower_noise(
         fewer = len(other.accepted) <= len(outcome.accepted)
         if explained and (not fewer or _likelier(outcome, other, slower)):
             break
-        still = _slower_still(outcome, other, slower) if explained else slower
+        still = _slower_still(data, outcome, other, slower) if explained else slower
         if still.keys() == slower.keys():
             return told, other, slower
         slower = still
@@ -188,22 +188,19 @@ def _likelier(outcome: Outcome, other: Outcome, slower: Mapping[str, Colour]) ->
 
 
 def _slower_still(
-    outcome: Outcome, other: Outcome, slower: Mapping[str, Colour]
+    data: CampaignData, outcome: Outcome, other: Outcome, slower: Mapping[str, Colour]
 ) -> Mapping[str, Colour]:
     """The noise that is slower than was known beside what is found in ``slower`` noise, too.
 
     That was read from what is left without findings that it looks like. An offset that is found
     in it all the same leaves no level that noise would have to explain.
     """
-    again = {c.label: c.channel for c in other.accepted if c.name in _SLOW}
-    kept = [c for c in outcome.accepted if c.name not in _SLOW or c.label in again]
-    both = {again[c.label] for c in kept if c.label in again} & slower.keys()
-    if not both:
+    again = {c.label for c in other.accepted if c.name in _SLOW}
+    channels = {c.channel for c in outcome.accepted if c.label in again} & slower.keys()
+    if not channels:
         return slower
-    whole = len(kept) == len(outcome.accepted)
-    layout = outcome.final.layout
-    left = noise_left(outcome.final if whole else with_findings(outcome, kept, layout))
-    return slower if both <= left.keys() else {n: c for n, c in left.items() if n in slower}
+    left = noise_left(_without_slow(data, outcome, again))
+    return slower if channels <= left.keys() else {n: c for n, c in left.items() if n in slower}
 
 
 def _certain(outcome: Outcome) -> bool:
@@ -216,14 +213,17 @@ def _certain(outcome: Outcome) -> bool:
     )
 
 
-def _without_slow(data: CampaignData, outcome: Outcome) -> Fit:
+def _without_slow(data: CampaignData, outcome: Outcome, but: Collection[str] = ()) -> Fit:
     """The final fit without findings that slow noise looks like, where any channel has some.
 
     With them a fit has taken a part of that noise, and what is left shows less of it. Where one
     channel has slow noise the others may, too weak to be seen in the quiet.
+
+    ``but``: labels of findings that stay.
     """
     coloured = any(c.colour is not None for b in data.blows for c in b.channels.values())
-    kept = [c for c in outcome.accepted if not (coloured and c.name in _SLOW)]
+    gone = [c for c in outcome.accepted if coloured and c.name in _SLOW and c.label not in but]
+    kept = [c for c in outcome.accepted if c not in gone]
     if len(kept) == len(outcome.accepted):
         return outcome.final
     return with_findings(outcome, kept, outcome.final.layout)

@@ -66,8 +66,7 @@ def check_held_out(
             outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
     for confirmed in outcome.accepted[before:]:
         join_relatives(outcome, confirmed)
-    if not _drop_contradicted(outcome, thresholds):
-        _weigh_rivals(outcome, thresholds)
+    _judge_by_predictions(outcome, thresholds)
     _by_name(outcome)
     _by_what_strikes(outcome)
     weighed = outcome.final
@@ -77,33 +76,23 @@ def check_held_out(
         outcome.tests, outcome.modes = None, []
 
 
-def _drop_contradicted(outcome: Outcome, thresholds: Thresholds) -> bool:
+def _judge_by_predictions(outcome: Outcome, thresholds: Thresholds) -> None:
     """Take findings back, the last first, until the held-out recordings are not missed further.
 
-    Before one goes, a rival that explains about as much and that they do not contradict may take
-    its place.
-
-    Returns:
-        Whether the rivals of what is the last finding then have been weighed by them.
+    Before one may go, a rival that explains about as much and is likelier by them has its place.
     """
     held_out = outcome.final.model.data.held_out
-    weighed = False
     while outcome.accepted:
+        _weigh_rivals(outcome, thresholds)
         before, after = outcome.held_out_baseline, outcome.held_out_final
         if before is None or after is None:
-            return weighed
+            return
         worse = further_misfit((outcome.baseline, before), (outcome.final, after))
         allowed = thresholds.held_out_loss * max(1.0, after.reduced)
         # beside another effect that is missing, too, a finding is not quite right
         gained = outcome.baseline.chi_square - outcome.final.chi_square
         if worse <= allowed + _NOT_QUITE * max(gained, 0.0):
-            return weighed
-        if not weighed:
-            weighed, last = True, outcome.accepted[-1]
-            _weigh_rivals(outcome, thresholds)
-            if outcome.accepted[-1] is not last:
-                continue
-        weighed = False
+            return
         dropped = outcome.accepted.pop()
         outcome.notes.append(
             f'The held-out recordings contradict what the fitted ones suggest: with '
@@ -115,7 +104,6 @@ def _drop_contradicted(outcome: Outcome, thresholds: Thresholds) -> bool:
             outcome.held_out_final = held_out_fit(outcome.final, held_out, outcome.window)
         else:
             outcome.final, outcome.held_out_final = outcome.baseline, before
-    return weighed
 
 
 def _weigh_rivals(outcome: Outcome, thresholds: Thresholds) -> None:
@@ -125,7 +113,7 @@ def _weigh_rivals(outcome: Outcome, thresholds: Thresholds) -> None:
     mine = _found_last(outcome)
     label = mine.candidate.label
     rivals = outcome.rivals.get(label, [])
-    allowed = thresholds.unexplained_ratio * max(1.0, outcome.final.reduced)
+    allowed = _allowed(outcome, thresholds)
     if outcome.held_out_final.reduced > allowed:
         weighed = _weighed_together(outcome, outcome.held_out_final, mine, allowed)
     else:
@@ -137,6 +125,11 @@ def _weigh_rivals(outcome: Outcome, thresholds: Thresholds) -> None:
         return
     best, predicted = min(better, key=lambda pair: pair[0].criterion)
     _put_last(outcome, best, predicted, [mine, *known])
+
+
+def _allowed(outcome: Outcome, thresholds: Thresholds) -> float:
+    """Reduced chi-square of held-out recordings, above which they are missed."""
+    return thresholds.unexplained_ratio * max(1.0, outcome.final.reduced)
 
 
 def _weighed_by_prediction(
@@ -335,27 +328,22 @@ def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
     for that they are fitted as well. With both it has to be likelier than nothing.
     """
     held_out = outcome.final.model.data.held_out
-    ratio = thresholds.unexplained_ratio
     while len(outcome.accepted) < most and outcome.held_out_final is not None:
         if not time_left('what the fitted recordings only suggest'):
             return
         able = []
-        before = outcome.held_out_final
-        amplified = before.reduced > ratio * max(1.0, outcome.final.reduced)
-        for item in outcome.last[:_CONFIRMED]:
-            wanted = least_gain(item.candidate.cost, outcome.looks, thresholds.false_finding)
-            known = item.candidate.label in {c.label for c in outcome.accepted}
-            if item.gain < 0.3 * wanted or known:
-                continue
-            if not _stands_beside(outcome, item, outcome.accepted):
-                continue
+        now, before = outcome.final, outcome.held_out_final
+        missed = before.reduced > _allowed(outcome, thresholds)
+        suspects = [i for i in outcome.last[:_CONFIRMED] if _suggested(outcome, i, thresholds)]
+        together = fit_together(now, before, outcome.accepted) if suspects and missed else None
+        for item in suspects:
             predicted = held_out_fit(item.fit, held_out, outcome.window)
             if predicted is None:
                 continue
-            if amplified:
-                worse = _worse_together(outcome, before, item, predicted)
+            if missed:
+                worse = _worse_together(outcome, together, item, predicted)
             else:
-                worse = further_misfit((outcome.final, before), (item.fit, predicted))
+                worse = further_misfit((now, before), (item.fit, predicted))
             more = min(-worse / max(1.0, predicted.reduced), item.gain)
             gain, criterion = item.gain + more, item.criterion - more
             chance = chance_of(item.candidate, item.fit, gain, outcome.looks)
@@ -380,13 +368,22 @@ def _confirm(outcome: Outcome, thresholds: Thresholds, most: int) -> None:
         outcome.tests, outcome.last = None, []
 
 
-def _worse_together(outcome: Outcome, before: Fit, item: Found, predicted: Fit) -> float:
+def _suggested(outcome: Outcome, item: Found, thresholds: Thresholds) -> bool:
+    """Whether the fitted recordings suggest a further finding, beside what is accepted."""
+    wanted = least_gain(item.candidate.cost, outcome.looks, thresholds.false_finding)
+    known = item.candidate.label in {c.label for c in outcome.accepted}
+    enough = item.gain >= 0.3 * wanted and not known
+    return enough and _stands_beside(outcome, item, outcome.accepted)
+
+
+def _worse_together(outcome: Outcome, now: Fit | None, item: Found, predicted: Fit) -> float:
     """Rise of chi-square of held-out recordings with a further finding, if all are fitted.
 
     What a fit leaves open of its numbers is allowed for in a prediction as if blows followed it
     in proportion. Where contacts amplify it by far, what is missed so says nothing.
+
+    ``now``: the fit to all without the finding; infinite where either fit is not to be had.
     """
-    now = fit_together(outcome.final, before, outcome.accepted)
     then = fit_together(item.fit, predicted, [*outcome.accepted, item.candidate])
     if now is None or then is None:
         return math.inf

@@ -42,7 +42,9 @@ __all__ = [
 
 _CLOSE = 40.0  # of the criterion, within which a rival is fitted over the whole window
 _RIVALS = 3  # that are
-_NEARLY = 0.8  # of a finding's gain, from which a rival is as well, where others were found later
+# of a finding's gain, from which a rival is as well, where others were found later; set, not
+# measured
+_NEARLY = 0.8
 _AS_MUCH = 3.0  # of chi-square, by which an explanation that is as good may be behind
 _AHEAD = 0.5  # of the criterion, from which a rival takes a finding's place
 _DEEPER = 1.0  # of chi-square, by which another minimum has to be lower
@@ -154,7 +156,9 @@ def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate], beside:
     close = [r for r in rivals if r.criterion < beside.criterion + _CLOSE]
     tied = [r for r in close[_RIVALS:] if r.criterion < beside.criterion + _TIED]
     # what was found later was missing then, and bent each of them in its own way
-    nearly = [r for r in rivals if rest and r not in close and r.gain > _NEARLY * beside.gain]
+    later = outcome.accepted[-1] is not candidate
+    further = [r for r in rivals if r not in close] if later else []
+    nearly = [r for r in further if r.gain > _NEARLY * beside.gain]
     refitted = []
     for rival in (*(close + nearly)[:_RIVALS], *tied[:_RIVALS]):
         known = {**outcome.final.values, **rival.fit.values}
