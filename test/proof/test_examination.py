@@ -279,6 +279,22 @@ def test_score_counts_by_detectability():
     assert any('1/2' in line for line in lines(result))
 
 
+def test_beside_what_is_right_stands_what_an_ideal_observer_had_right():
+    near = _answer(size=40.0)
+    near['parts'][0]['differences'] = {'clearance': 1.0, 'mains_hum': 30.0}
+    marks = [
+        mark('a', near, _reply('clearance'), 1.0),
+        mark('b', near, _reply('coulomb_friction'), 1.0),
+        mark('c', _answer(), _reply('coulomb_friction'), 1.0),  # it was not looked at
+    ]
+    assert marks[2].ideal_name is None
+    found = {what: row for what, where, *row in score(marks).ideal if '5 and more' in where}
+    assert found['right name first'] == [1, pytest.approx(2 * 0.6915, abs=1e-3), 2]
+    assert any('ideal observer at most 1.4 of 2' in line for line in lines(score(marks)))
+    near['confusable'] = {'clearance': 1.0}
+    assert mark('a', near, _reply('clearance'), 1.0).ideal_set > 0.999
+
+
 def test_score_tells_kinds_of_campaign_and_of_noise_apart():
     clean = {'category': 'clean', 'detectability': 0.0, 'parts': [], 'kind': 'closed_loop'}
     steps = clean | {'colours': {'displacement.axis': {'poles': [], 'step': 0.7}}}

@@ -165,11 +165,17 @@ def test_nearly_even_friction_cannot_be_told_from_even_friction(freedom):
     assert 'hardening_spring' not in near
 
 
+def _drawn(monkeypatch, seed):
+    """What is hidden, and what is asked about what it differs from."""
+    asked = {}
+    with monkeypatch.context() as now:
+        now.setattr(proof_draw, 'differences', lambda *a, **k: asked.update(a=a, k=k) or {})
+        return draw(np.random.default_rng(seed)), asked
+
+
 def test_a_friction_that_bounces_amplify_is_compared_at_the_strength_it_has(monkeypatch):
     """Linear re-tuning calls it ten times as strong as it is: it looked like nothing else."""
-    asked = {}
-    monkeypatch.setattr(proof_draw, 'alternatives', lambda *a, **k: asked.update(a=a, k=k) or {})
-    hidden = draw(np.random.default_rng([251541647281852, 87]))
+    hidden, asked = _drawn(monkeypatch, [251541647281852, 87])
     assert [p.name for p in hidden.parts] == ['asymmetric_friction']
     monkeypatch.setattr(proof_draw, 'EFFECTS', [effect('coulomb_friction')])
     assert alternatives(*asked['a'], **{**asked['k'], 'kin': ()}) == {}
@@ -181,9 +187,7 @@ def test_what_differs_by_the_moment_of_a_contact_alone_is_no_difference(monkeypa
 
     Each re-tuned for itself, they differed by 6.1 where a stiff contact begins.
     """
-    asked = {}
-    monkeypatch.setattr(proof_draw, 'alternatives', lambda *a, **k: asked.update(a=a, k=k) or {})
-    hidden = draw(np.random.default_rng([76490907501156, 19]))
+    hidden, asked = _drawn(monkeypatch, [76490907501156, 19])
     assert [p.name for p in hidden.parts] == ['clock_error']
     monkeypatch.setattr(proof_draw, 'EFFECTS', [effect('low_pass_filter')])
     assert alternatives(*asked['a'], **asked['k'])['low_pass_filter'] < 0.5
@@ -191,9 +195,7 @@ def test_what_differs_by_the_moment_of_a_contact_alone_is_no_difference(monkeypa
 
 def test_a_further_branch_of_a_layer_looks_like_a_wrong_dashpot(monkeypatch):
     """The layer's own branch relaxes within seconds: both lose a little over the contact."""
-    asked = {}
-    monkeypatch.setattr(proof_draw, 'alternatives', lambda *a, **k: asked.update(a=a, k=k) or {})
-    hidden = draw(np.random.default_rng([139395941784305, 32]))
+    hidden, asked = _drawn(monkeypatch, [139395941784305, 32])
     assert [p.name for p in hidden.parts] == ['rate_dependent_damper']
     wrong = effect('wrong_parameter:damper.branches.0.damping')
     monkeypatch.setattr(proof_draw, 'EFFECTS', [wrong])

@@ -28,6 +28,7 @@ __all__ = [
     'Part',
     'alternatives',
     'by_all',
+    'differences',
     'draw',
     'solve_strength',
 ]
@@ -76,6 +77,8 @@ class Part:
     detectability: float
     # the same were all recordings fitted; only where those that are fitted do not show it
     by_all: float = 0.0
+    # d' that each other mechanism leaves of it, at most; empty where that was not looked at
+    differences: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -132,11 +135,11 @@ def draw(
     freedom = Freedom(baseline)
     strength, size = solve_strength(freedom, chosen, aux, wanted)
     truth = chosen.apply(baseline, strength, aux)
-    part = _part(chosen, strength, aux, size, by_all(size, baseline, truth))
-    confusable = {}
+    others: Mapping[str, float] = {}
     if classes and size >= 1:
-        confusable = alternatives(rng, freedom, truth, {chosen.key}, kin=_kin(chosen))
-    return Concealed(baseline, truth, category, (part,), size, confusable)
+        others = differences(rng, freedom, truth, {chosen.key}, kin=_kin(chosen))
+    part = _part(chosen, strength, aux, size, by_all(size, baseline, truth), others)
+    return Concealed(baseline, truth, category, (part,), size, _not_told(others, size))
 
 
 def solve_strength(
@@ -165,6 +168,28 @@ def alternatives(
     kin: Collection[str] = (),
 ) -> dict[str, float]:
     """Mechanisms that would explain a truth as well, and the d' each would leave.
+
+    Those of :func:`differences`, which takes the same, that leave less than ``limit``.
+    """
+    found = differences(rng, freedom, truth, skip, kin)
+    return _not_told(found, freedom.detectability(truth), limit) if found else {}
+
+
+def _not_told(
+    found: Mapping[str, float], size: float, limit: float = CONFUSABLE
+) -> dict[str, float]:
+    """Those of :func:`differences` that the data cannot tell from what is hidden."""
+    return {name: rest for name, rest in found.items() if rest < limit and rest < _NEAR * size}
+
+
+def differences(
+    rng: np.random.Generator,
+    freedom: Freedom,
+    truth: Scenario,
+    skip: Collection[str],
+    kin: Collection[str] = (),
+) -> dict[str, float]:
+    """The d' that each other mechanism leaves of a truth, least first.
 
     Every effect of the library but those whose keys are in ``skip`` is given the same d', an
     effect of the measuring chain in the channel that shows most of what the baseline leaves. Its
@@ -200,9 +225,8 @@ def alternatives(
                 beside = freedom.beside(_applied(other, strength, aux))
                 with contextlib.suppress(InputError):
                     rest = min(rest, beside.detectability(truth))
-            if rest < limit and rest < _NEAR * size:
-                found[other.name] = min(rest, found.get(other.name, math.inf))
-            if not aux or found.get(other.name, math.inf) < ALIKE:  # nothing else to try
+            found[other.name] = min(rest, found.get(other.name, math.inf))
+            if not aux or found[other.name] < min(ALIKE, _NEAR * size):  # nothing else to try
                 break
     return dict(sorted(found.items(), key=lambda item: item[1]))
 
@@ -280,11 +304,11 @@ def _pair(rng: np.random.Generator, clean: Scenario, *, classes: bool) -> Concea
         beside = Freedom(baseline, _applied(*other))
         reached = beside.detectability(truth)
         seen = by_all(reached, baseline, truth, _applied(*other))
-        parts.append(_part(effect, strength, aux, reached, seen))
+        others: Mapping[str, float] = {}
         if classes and reached >= 1:
-            confusable |= alternatives(
-                rng, beside, truth, {effect.key, other[0].key}, kin=_kin(effect)
-            )
+            others = differences(rng, beside, truth, {effect.key, other[0].key}, kin=_kin(effect))
+            confusable |= _not_told(others, reached)
+        parts.append(_part(effect, strength, aux, reached, seen, others))
     size = min(p.detectability for p in parts)
     return Concealed(baseline, truth, 'pair', tuple(parts), size, confusable)
 
@@ -342,12 +366,20 @@ def _part(
     aux: Mapping[str, float | str],
     size: float,
     seen_by_all: float,
+    apart: Mapping[str, float],
 ) -> Part:
     values = chosen.parameters(strength, aux)
     if 'channel' in aux:
         values = values | {'channel': aux['channel']}
     return Part(
-        chosen.key, chosen.name, chosen.subsystem, chosen.family, values, size, seen_by_all
+        key=chosen.key,
+        name=chosen.name,
+        subsystem=chosen.subsystem,
+        family=chosen.family,
+        parameters=values,
+        detectability=size,
+        by_all=seen_by_all,
+        differences=apart,
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from .effect import DRY_FRICTIONS
 from .evidence_map import BIN
+from .ideal_observer import chance_of_name, chance_of_set
 
 __all__ = ['DETECTABLE', 'Mark', 'mark', 'truths']
 
@@ -47,6 +48,8 @@ class Mark:
     held_out_ratio: float | None = None
     held_out_limit: float | None = None  # of that ratio, which the best fits keep in 95 %
     probability: float | None = None
+    ideal_name: float | None = None  # chance that an ideal observer has the first name right
+    ideal_set: float | None = None  # and the set
     unknown: bool | None = None
     parameter_named: bool | None = None
     seconds: float = math.nan
@@ -95,6 +98,10 @@ def mark(
             c.get('poles') or c.get('step') for c in (answer.get('colours') or {}).values()
         ),
     )
+    confusable = set(answer.get('confusable') or {})
+    if names and not outside:
+        result.ideal_name = chance_of_name(parts, confusable)
+        result.ideal_set = chance_of_set(parts, confusable)
     if reply is None:
         if names:
             result.name_first = result.family_first = result.right_set = result.exact_set = False
@@ -119,7 +126,6 @@ def mark(
     for told_first in ranking:
         entry.setdefault(str(told_first.get('name')), told_first)
     result.first = _first(accepted, ranking, unexplained)
-    confusable = set(answer.get('confusable') or {})
     if names:
         _mark_names(result, names, entry, confusable, unexplained, outside=outside)
         _mark_place(result, parts, reply, answer)

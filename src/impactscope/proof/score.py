@@ -35,6 +35,8 @@ class Score:
     campaigns: int
     answered: int
     shares: tuple[tuple[str, str, Share], ...]
+    # what, range of d', right, of an ideal observer at most (expected), from how many
+    ideal: tuple[tuple[str, str, int, float, int], ...]
     medians: tuple[tuple[str, float, int], ...]  # what, median, from how many
     calibration: tuple[tuple[str, float, Share], ...]  # bin, mean probability, hits
     brier: float
@@ -68,6 +70,7 @@ def _reply(path: Path) -> dict[str, Any] | None:
 def score(marks: Sequence[Mark]) -> Score:
     """Figures of an examination."""
     shares: list[tuple[str, str, Share]] = []
+    ideal: list[tuple[str, str, int, float, int]] = []
 
     def add(what: str, where: str, chosen: Iterable[Mark], hit: Callable[[Mark], bool]) -> None:
         among = list(chosen)
@@ -91,6 +94,13 @@ def score(marks: Sequence[Mark]) -> Score:
         add('right family first', where, library, lambda m: bool(m.family_first))
         add('right set or class', where, library, lambda m: bool(m.right_set))
         add('exactly the right set', where, library, lambda m: bool(m.exact_set))
+        known = [m for m in library if m.ideal_name is not None]
+        for what, right, chance in (
+            ('right name first', 'name_first', 'ideal_name'),
+            ('right set or class', 'right_set', 'ideal_set'),
+        ):
+            hits = sum(bool(getattr(m, right)) for m in known)
+            ideal.append((what, where, hits, sum(getattr(m, chance) for m in known), len(known)))
         wrong = [m for m in inside if m.category in ('parameter', 'label')]
         add('wrong number called one', where, wrong, lambda m: bool(m.right_set))
         add('and the right one named', where, wrong, lambda m: bool(m.parameter_named))
@@ -125,7 +135,13 @@ def score(marks: Sequence[Mark]) -> Score:
     )
     calibration, brier = _calibration(marks)
     return Score(
-        len(marks), sum(m.answered for m in marks), tuple(shares), medians, calibration, brier
+        campaigns=len(marks),
+        answered=sum(m.answered for m in marks),
+        shares=tuple(shares),
+        ideal=tuple(ideal),
+        medians=medians,
+        calibration=calibration,
+        brier=brier,
     )
 
 
@@ -149,6 +165,12 @@ def lines(result: Score) -> list[str]:
     for what, where, value in result.shares:
         if value.trials:
             text.append(f'{what:38s} {where:16s} {value}')
+    text.append('')
+    for what, where, hits, expected, count in result.ideal:
+        if count:
+            text.append(
+                f'{what:38s} {where:16s} {hits}; ideal observer at most {expected:.1f} of {count}'
+            )
     text.append('')
     for name, middle, count in result.medians:
         if count:
