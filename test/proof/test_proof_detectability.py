@@ -9,7 +9,7 @@ from impactscope.errors import InputError
 from impactscope.proof import draw as proof_draw
 from impactscope.proof.bench import BENCH, Pulse
 from impactscope.proof.conditions import draw_scenario
-from impactscope.proof.detectability import Freedom, samples
+from impactscope.proof.detectability import Companion, Freedom, samples
 from impactscope.proof.draw import CONFUSABLE, alternatives, by_all, draw, solve_strength
 from impactscope.proof.effects import EFFECTS, effect
 from impactscope.proof.measurement import input_channel, measure, noise_free
@@ -203,6 +203,37 @@ def test_a_further_branch_of_a_layer_looks_like_a_wrong_dashpot(monkeypatch):
     assert 1.0 < near < CONFUSABLE < hidden.detectability
 
 
+def test_a_look_alike_has_its_other_numbers_re_tuned_too(monkeypatch):
+    """A pull back is much like a push of another course: as drawn it left more than half."""
+    asked = []
+    with monkeypatch.context() as now:
+        now.setattr(proof_draw, 'differences', lambda *a, **k: asked.append((a, k)) or {})
+        hidden = draw(np.random.default_rng([30660093306955, 91]))
+    place = [p.name for p in hidden.parts].index('restoring_force')
+    monkeypatch.setattr(proof_draw, 'EFFECTS', [effect('external_push')])
+    arguments, options = asked[place]
+    near = alternatives(*arguments, **options)
+    assert near['external_push'] < 0.5 * hidden.parts[place].detectability
+
+
+def test_a_filter_is_looked_at_in_all_its_kinds(monkeypatch):
+    """One without a delay hides much of what a base does that gives way under an axis."""
+    hidden, asked = _drawn(monkeypatch, [989504272422, 54])
+    assert [p.name for p in hidden.parts] == ['base_compliance']
+    monkeypatch.setattr(proof_draw, 'EFFECTS', [effect('low_pass_filter')])
+    found = proof_draw.differences(*asked['a'], **asked['k'])
+    assert found['low_pass_filter'] < 0.5 * hidden.detectability
+
+
+def test_looking_for_look_alikes_changes_no_recording():
+    left = []
+    for classes in (True, False):
+        rng = np.random.default_rng(7)
+        assert draw(rng, category='single', kind='chain', classes=classes).detectability > 1
+        left.append(rng.standard_normal())
+    assert left[0] == left[1]
+
+
 def test_nothing_left_looks_like_nothing(freedom):
     chosen = effect('coulomb_friction')
     near = alternatives(np.random.default_rng(0), freedom, freedom.baseline, {chosen.key})
@@ -258,16 +289,32 @@ def test_a_step_as_promised_may_end_in_a_hollow_that_later_bounces_make():
 def test_beside_a_companion_its_strength_is_one_more_number_to_tune():
     scenario = taps(2)
     change = effect('hardening_spring')
-    both = Freedom(scenario, lambda s, share: change.apply(s, 3e8 * share, {}))
+    both = Freedom(scenario, Companion(lambda s, by: change.apply(s, 3e8 * by[0], {})))
     assert both.detectability(change.apply(scenario, 3.3e8, {})) < 0.05
     assert both.detectability(change.apply(scenario, -3e8, {})) > 5
+
+
+def test_of_a_companion_other_numbers_may_be_tuned():
+    """Where a spring begins to stiffen, as well as by how much."""
+    scenario, stop = taps(2), effect('end_stop')
+    reach = max(float(np.max(noise_free(b, scenario)['force'])) for b in scenario.blows)
+    travel = 0.5 * reach / BENCH.stiffness
+
+    def stopped(by):
+        return stop.apply(scenario, 2e3 * by[0], {'travel': travel * by[1]})
+
+    tuned = Freedom(scenario, Companion(lambda _, by: stopped(by), 2))
+    fixed = Freedom(scenario, Companion(lambda _, by: stopped((by[0], 1.0))))
+    truth = stopped((1.1, 0.9))
+    assert tuned.detectability(truth) < 0.1
+    assert fixed.detectability(truth) > 1.0
 
 
 def test_beside_two_companions_both_strengths_are_tuned():
     scenario = taps(2)
     spring, rub = effect('hardening_spring'), effect('coulomb_friction')
-    beside = Freedom(scenario, lambda s, share: spring.apply(s, 3e8 * share, {}))
-    both = beside.beside(lambda s, share: rub.apply(s, 0.02 * share, {}))
+    beside = Freedom(scenario, Companion(lambda s, by: spring.apply(s, 3e8 * by[0], {})))
+    both = beside.beside(Companion(lambda s, by: rub.apply(s, 0.02 * by[0], {})))
     truth = rub.apply(spring.apply(scenario, 3.3e8, {}), 0.022, {})
     assert both.detectability(truth) < 0.1
     assert beside.detectability(truth) > 5 * both.detectability(truth)

@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 AXIS_MASS, AXIS_DAMPING, DRIVE_GAIN = 0.01, 0.05, 0.003
 STATED = 0.02  # relative: what is known of a stated mass and speed of a robot or a falling body
 _SPANS = (0.03, 0.1, 0.3)  # s after the first contact
-_FACTOR = 0.1, 5.0  # the least and the most a number of the bench is turned by
+_FACTOR = 0.1, 5.0  # the least and the most that any other number is turned by
 _COMPANION = 'companion'
 _COMPANION_SHARE = 1e-3, 3.0  # of its strength: the least and the most that is tried
 _STEPS = 20
@@ -50,7 +50,17 @@ _SETTLED = 0.02  # of what is left, or of the noise below 1
 _STIFFEST = 1e3  # damping after Marquardt, in units of the normal matrix
 
 
-Companion = Callable[[Scenario, float], Scenario]  # an effect at a share of its strength
+@dataclass(frozen=True)
+class Companion:
+    """An effect beside the baseline of which some numbers may be re-tuned with it.
+
+    Args:
+        apply: what puts it into a campaign, its numbers times factors, the strength's first.
+        numbers: how many factors there are.
+    """
+
+    apply: Callable[[Scenario, Sequence[float]], Scenario]
+    numbers: int = 1
 
 
 @dataclass(frozen=True)
@@ -122,11 +132,11 @@ class Freedom:
     """What a baseline can re-tune: its sensitivities, and what a truth leaves beside it."""
 
     def __init__(self, baseline: Scenario, *companions: Companion) -> None:
-        """``companions``: effects beside the baseline; the strength of each is one more knob."""
+        """``companions``: effects beside the baseline; their numbers are further knobs."""
         self.baseline = baseline
         self._companions = companions
         self.knobs = _knobs(baseline)
-        self.knobs += [Knob(_COMPANION, 1e-3)] * len(companions)
+        self.knobs += [Knob(_COMPANION, 1e-3)] * sum(c.numbers for c in companions)
         self.scenario = self._tuned(np.zeros(len(self.knobs)))
         self._prior = np.array([k.std**-2 for k in self.knobs])
         self._leads = _leads(baseline)
@@ -300,9 +310,13 @@ class Freedom:
                 if knob.blow in (-1, i) and only in (-1, i):
                     blows[i] = _turned(blow, knob.name, value, self.baseline)
         tuned = replace(self.baseline, blows=tuple(blows), chains=chains)
-        shares = change[len(change) - len(self._companions) :]
-        for companion, value in zip(self._companions, shares, strict=True):
-            tuned = companion(tuned, float(np.clip(1 + value, *_COMPANION_SHARE)))
+        begin = len(change) - sum(c.numbers for c in self._companions)
+        for companion in self._companions:
+            end = begin + companion.numbers
+            first, *others = 1.0 + change[begin:end]
+            factors = [np.clip(first, *_COMPANION_SHARE), *np.clip(others, *_FACTOR)]
+            tuned = companion.apply(tuned, [float(f) for f in factors])
+            begin = end
         return tuned
 
     def beside(self, companion: Companion) -> Freedom:

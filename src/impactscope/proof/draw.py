@@ -61,7 +61,9 @@ _DRAWS = 30  # until the wanted channel comes; some effects are of one channel o
 # ideal observer errs in Phi(-d'/2), here in one of twenty.
 CONFUSABLE = 3.29
 ALIKE = 1.0  # an alternative that leaves less needs no other draw of its shape
-_NEAR = 0.5  # of d', less than which an alternative leaves that is looked at closer
+_NEAR = 0.5  # of d', less than which an alternative leaves that cannot be ruled out
+_LIKE = 0.7  # of d', less than which one leaves that is looked at closer
+_KINDS = ('channel', 'peak', 'sign', 'order', 'zero_phase', 'already')  # what is no such number
 TRIES = 2  # draws of its shape with either sign
 
 
@@ -195,9 +197,10 @@ def differences(
     effect of the measuring chain in the channel that shows most of what the baseline leaves. Its
     own remainder is subtracted in the best proportion, 0 to 2; what it cannot remove is its d'.
     Where that is near, and for those named in ``kin``, the baseline is re-tuned anew with the
-    other effect in it, its strength as one more number: two remainders that were re-tuned apart
-    differ by what both can be re-tuned by, and how a dry friction looks hangs on its strength.
+    other effect in it and all its numbers: two remainders that were re-tuned apart differ by what
+    both can be re-tuned by, and how an effect looks hangs on its strength and its other numbers.
     """
+    rng = rng.spawn(1)[0]  # so that what is looked at changes no recording
     left, size = freedom.fitted(truth)
     found: dict[str, float] = {}
     if size < 1e-9:  # the baseline hides it completely: there is nothing to look like
@@ -217,12 +220,12 @@ def differences(
             for linear in (True, False):
                 mine, reached = freedom.fitted(turned, linear=linear)
                 rest = _without(left, mine, reached)
-                if rest > 0.7 * size:  # nothing like it: no need to look closer
+                if rest > _LIKE * size:  # nothing like it: no need to look closer
                     break
-            if ALIKE < rest < _NEAR * size or other.name in kin:
+            if ALIKE < rest < _LIKE * size or other.name in kin:
                 if other.name in kin:
                     strength, _ = _search(freedom, other, aux, size, strength, linear=False)
-                beside = freedom.beside(_applied(other, strength, aux))
+                beside = freedom.beside(_retuned(other, strength, aux))
                 with contextlib.suppress(InputError):
                     rest = min(rest, beside.detectability(truth))
             found[other.name] = min(rest, found.get(other.name, math.inf))
@@ -258,7 +261,8 @@ def _shapes(
     """What an effect is tried with as a look-alike: its own shapes, else draws of either sign."""
     own = effect.shapes(scenario)
     if own:
-        yield from own
+        drawn = _set_up(rng, effect, scenario, channel)
+        yield from ({**drawn, **shape} for shape in own)
         return
     for sign in (1, -1) * TRIES:  # what else is drawn beside the strength may be near or far
         aux = _set_up(rng, effect, scenario, channel)
@@ -326,7 +330,18 @@ def _kin(effect: Effect) -> tuple[str, ...]:
 
 def _applied(effect: Effect, strength: float, aux: Mapping[str, float | str]) -> Companion:
     """An effect as a companion of the baseline whose strength may be re-tuned with it."""
-    return lambda scenario, share: effect.apply(scenario, strength * share, aux)
+    return Companion(lambda scenario, factors: effect.apply(scenario, strength * factors[0], aux))
+
+
+def _retuned(effect: Effect, strength: float, aux: Mapping[str, float | str]) -> Companion:
+    """The same, whose other numbers may be re-tuned as well."""
+    free = {k: float(v) for k, v in aux.items() if k not in _KINDS and v != 0}
+
+    def apply(scenario: Scenario, factors: Sequence[float]) -> Scenario:
+        own = {k: v * f for (k, v), f in zip(free.items(), factors[1:], strict=True)}
+        return effect.apply(scenario, strength * factors[0], {**aux, **own})
+
+    return Companion(apply, 1 + len(free))
 
 
 def _possible(category: str, kind: str) -> bool:

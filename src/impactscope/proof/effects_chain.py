@@ -14,6 +14,8 @@ __all__ = ['CHAIN_EFFECTS']
 
 Drawn = dict[str, float | str]
 
+_ORDERS = 4  # of filters, from one on
+
 
 def _channel(rng: np.random.Generator, scenario: Scenario) -> Drawn:
     names = [n for n in scenario.channels if n != 'acceleration.base']
@@ -22,8 +24,13 @@ def _channel(rng: np.random.Generator, scenario: Scenario) -> Drawn:
 
 
 def _filter(rng: np.random.Generator, scenario: Scenario) -> Drawn:
-    kind = {'order': int(rng.integers(1, 5)), 'zero_phase': int(rng.random() < 0.3)}
+    kind = {'order': int(rng.integers(1, _ORDERS + 1)), 'zero_phase': int(rng.random() < 0.3)}
     return _channel(rng, scenario) | kind
+
+
+def _filters(_scenario: Scenario) -> list[Drawn]:
+    """Filters without a delay first: they look least like any other."""
+    return [{'order': n, 'zero_phase': z} for z in (1, 0) for n in range(1, _ORDERS + 1)]
 
 
 def _hum(rng: np.random.Generator, scenario: Scenario) -> Drawn:
@@ -119,6 +126,7 @@ CHAIN_EFFECTS: tuple[Effect, ...] = (
         1 / 15.0,
         _filter_told,
         setup=_filter,
+        shapes=_filters,
     ),
     _simple('ac_coupling', {'corner': 1.0}, {'corner': 1.0}, (1e-6, 10.0)),
     Effect('saturation', 'measurement', _cut, 1e-5, 0.7, _cut_told, setup=_channel),
