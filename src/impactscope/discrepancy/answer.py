@@ -28,6 +28,7 @@ __all__ = [
     'held_out_alone',
     'numbers_left_open',
     'stand_ins_told',
+    'suspects',
 ]
 
 ANSWER_VERSION = 1
@@ -120,6 +121,20 @@ def stand_ins_told(names: Iterable[str]) -> tuple[str, ...]:
     if not told:
         return ()
     return (f'The extended model has {told} in the place of what is not known: no finding.',)
+
+
+def suspects(findings: Sequence[Finding], relative: float) -> list[Finding]:
+    """Explanations of which none is accepted, each with the others that might be meant as well.
+
+    ``relative``: to the probability of the one, from which the other is not excluded in its place.
+    """
+    told = []
+    for one in findings:
+        least = relative * one.probability
+        others = [f.name for f in findings if f.name != one.name and f.probability >= least]
+        names = dict.fromkeys((*one.confused_with, *others))
+        told.append(dataclasses.replace(one, confused_with=tuple(names)))
+    return told
 
 
 def numbers_left_open(finding: Finding) -> Finding:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from impactscope.discrepancy.answer import Finding, FitTable
+from impactscope.discrepancy.answer import Finding, FitTable, suspects
 from impactscope.discrepancy.driven.findings.figures import left_over, table
 from impactscope.discrepancy.driven.findings.quantisation_steps import steps_found
 from impactscope.discrepancy.driven.findings.ranking import (
@@ -91,6 +91,8 @@ def decide(s: Subject) -> Decision:
     dropped = [f for f in named if f.name in doubted]
     others = [*dropped, *others] if instead else [*others, *dropped]
     most = BESIDE_UNKNOWN if unknown and len(taken) > 1 else MOST
+    if not taken:
+        others = suspects(others, s.judge.thresholds.confusable)
     # what findings leave is not known, be it an error of their laws or of all else in the model
     strange = next((f.sentence for f in taken if f.name == 'unknown'), '')
     unexplained = stranger or bool(left and taken)

@@ -34,6 +34,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 WANDER, WANDERED = (0.3, -0.1, 0.03), 120  # relative first steps, evaluations, without slopes
+SCALINGS = 3  # of an effect that is not straight in its amount
 HOPE = 8.0  # chi-square below which the first look leaves a candidate alone
 
 
@@ -206,15 +207,28 @@ def _named(term: Term) -> list[tuple[str, Number]]:
 def _again(
     model: Model, made: Fit, prospect: Prospect, here: Linearisation, segments: Sequence[Segment]
 ) -> Prospect:
-    """A promising start, simulated beside the fit itself."""
+    """A promising start, simulated beside the fit itself.
+
+    An effect that is not straight in its amount is scaled anew by what it does there: from a
+    start a hundred times too large a coupling leads to one that is ten times too large.
+    """
     if prospect.gain < HOPE:
         return prospect
-    values = {**made.values, **prospect.initial}
-    effect = change(model, made, (*made.terms, prospect.term), values, segments)
-    if not np.all(np.isfinite(effect)):
-        return dataclasses.replace(prospect, gain=0.0)
-    taken = here.taken(effect)
-    if taken >= HOPE:
-        return dataclasses.replace(prospect, gain=taken)
-    # not straight in its amount: the fit has to find it
+    tried = prospect
+    for _ in range(SCALINGS):
+        values = {**made.values, **tried.initial}
+        effect = change(model, made, (*made.terms, tried.term), values, segments)
+        if not np.all(np.isfinite(effect)):
+            return dataclasses.replace(prospect, gain=0.0)
+        taken = here.taken(effect)
+        if taken >= HOPE:
+            return dataclasses.replace(tried, gain=taken)
+        if len(prospect.term.amounts) != 1:
+            break
+        tried = ScreenedStart(tried.term, tried.initial, effect[None].astype(np.float32)).prospect(
+            here, made.values
+        )
+        if tried.gain < HOPE:
+            break
+    # the fit has to find it
     return dataclasses.replace(prospect, gain=0.5 * prospect.gain)

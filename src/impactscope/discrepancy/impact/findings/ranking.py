@@ -6,7 +6,12 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-from impactscope.discrepancy.answer import Finding, ParameterEstimate, numbers_left_open
+from impactscope.discrepancy.answer import (
+    Finding,
+    ParameterEstimate,
+    numbers_left_open,
+    suspects,
+)
 from impactscope.discrepancy.evidence import Thresholds, probabilities
 from impactscope.discrepancy.impact.candidates.candidate import Candidate, contains
 from impactscope.discrepancy.impact.findings.clock_drift import with_rate
@@ -76,10 +81,11 @@ def ranked(outcome: Outcome, accepted: Sequence[Candidate]) -> list[Finding]:
             later.append(_among_orders(instead, rival, rivals))
     if not accepted:
         shares = probabilities([0.0, *(f.criterion for f in outcome.last)])[1:]
-        later += [
+        tried = [
             _finding(f.candidate, f.fit, share, (), f, math.nan)
             for f, share in zip(outcome.last, shares, strict=True)
         ]
+        later += suspects(tried, thresholds.confusable)
     later.sort(key=lambda f: -f.probability)
     return [*first, *later]
 
