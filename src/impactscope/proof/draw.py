@@ -63,7 +63,8 @@ CONFUSABLE = 3.29
 ALIKE = 1.0  # an alternative that leaves less needs no other draw of its shape
 _NEAR = 0.5  # of d', less than which an alternative leaves that cannot be ruled out
 _LIKE = 0.7  # of d', less than which one leaves that is looked at closer
-_KINDS = ('channel', 'peak', 'sign', 'order', 'zero_phase', 'already')  # what is no such number
+# what is drawn beside the strength of an effect and is no number to re-tune
+_NO_NUMBERS = ('channel', 'peak', 'sign', 'order', 'zero_phase', 'already')
 TRIES = 2  # draws of its shape with either sign
 
 
@@ -335,7 +336,7 @@ def _applied(effect: Effect, strength: float, aux: Mapping[str, float | str]) ->
 
 def _retuned(effect: Effect, strength: float, aux: Mapping[str, float | str]) -> Companion:
     """The same, whose other numbers may be re-tuned as well."""
-    free = {k: float(v) for k, v in aux.items() if k not in _KINDS and v != 0}
+    free = {k: float(v) for k, v in aux.items() if k not in _NO_NUMBERS and v != 0}
 
     def apply(scenario: Scenario, factors: Sequence[float]) -> Scenario:
         own = {k: v * f for (k, v), f in zip(free.items(), factors[1:], strict=True)}
