@@ -11,7 +11,7 @@ from impactscope.errors import ConfigurationError
 from impactscope.proof.bench import BENCH
 from impactscope.proof.conditions import draw_scenario
 from impactscope.proof.detectability import Freedom
-from impactscope.proof.draw import KINDS, alternatives, draw, solve_strength
+from impactscope.proof.draw import KINDS, differences, draw, look_alikes, solve_strength
 from impactscope.proof.effects import EFFECTS, effect
 from impactscope.proof.given_course import Wave, course, device_force
 from impactscope.proof.measurement import INPUTS, input_channel, measure, noise_free
@@ -188,15 +188,16 @@ def test_a_fast_branch_and_a_low_pass_look_alike_and_a_slow_one_does_not():
     few = branch.shapes(scenario)
     assert len(few) > 4
 
-    def look_alikes(chosen, aux):
-        strength, _ = solve_strength(freedom, chosen, aux, 10.0)
+    def alike(chosen, aux):
+        strength, size = solve_strength(freedom, chosen, aux, 10.0)
         truth = chosen.apply(scenario, strength, aux)
-        return alternatives(np.random.default_rng(0), freedom, truth, {chosen.key})
+        found = differences(np.random.default_rng(0), freedom, truth, {chosen.key})
+        return look_alikes(found, size)
 
     filtered = {'channel': 'force.damper', 'order': 2, 'zero_phase': 0}
-    assert branch.name in look_alikes(low_pass, filtered)
-    assert low_pass.name in look_alikes(branch, few[0])
-    assert low_pass.name not in look_alikes(branch, few[len(few) // 2])
+    assert branch.name in alike(low_pass, filtered)
+    assert low_pass.name in alike(branch, few[0])
+    assert low_pass.name not in alike(branch, few[len(few) // 2])
 
 
 @pytest.mark.parametrize('kind', ['prescribed', 'chain'])

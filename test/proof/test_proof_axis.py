@@ -19,7 +19,7 @@ from impactscope.proof.campaign_folder import campaign_file, write_campaign
 from impactscope.proof.conditions import draw_scenario
 from impactscope.proof.conditions_axis import OUTPUT
 from impactscope.proof.detectability import AXIS_MASS, Freedom
-from impactscope.proof.draw import alternatives, draw, solve_strength
+from impactscope.proof.draw import differences, draw, solve_strength
 from impactscope.proof.effect import axial
 from impactscope.proof.effects import EFFECTS, effect
 from impactscope.proof.measurement import (
@@ -323,6 +323,6 @@ def test_a_zero_of_the_drive_looks_like_a_weight_and_is_never_drawn():
     freedom = Freedom(scenario)
     strength, _ = solve_strength(freedom, weight, {}, 20.0)
     truth = weight.apply(scenario, strength, {})
-    near = alternatives(np.random.default_rng(0), freedom, truth, {weight.key})
+    near = differences(np.random.default_rng(0), freedom, truth, {weight.key})
     assert near['offset'] < 0.05
     assert zero.family not in {e.family for e in EFFECTS if e is not zero}

@@ -26,10 +26,10 @@ __all__ = [
     'KINDS',
     'Concealed',
     'Part',
-    'alternatives',
     'by_all',
     'differences',
     'draw',
+    'look_alikes',
     'solve_strength',
 ]
 
@@ -142,7 +142,7 @@ def draw(
     if classes and size >= 1:
         others = differences(rng, freedom, truth, {chosen.key}, kin=_kin(chosen))
     part = _part(chosen, strength, aux, size, by_all(size, baseline, truth), others)
-    return Concealed(baseline, truth, category, (part,), size, _not_told(others, size))
+    return Concealed(baseline, truth, category, (part,), size, look_alikes(others, size))
 
 
 def solve_strength(
@@ -160,29 +160,6 @@ def solve_strength(
         return _quantisation(freedom, aux, wanted)
     strength, _ = _search(freedom, chosen, aux, wanted, math.sqrt(chosen.low * chosen.high))
     return _search(freedom, chosen, aux, wanted, strength, linear=False, trials=5)
-
-
-def alternatives(
-    rng: np.random.Generator,
-    freedom: Freedom,
-    truth: Scenario,
-    skip: Collection[str],
-    limit: float = CONFUSABLE,
-    kin: Collection[str] = (),
-) -> dict[str, float]:
-    """Mechanisms that would explain a truth as well, and the d' each would leave.
-
-    Those of :func:`differences`, which takes the same, that leave less than ``limit``.
-    """
-    found = differences(rng, freedom, truth, skip, kin)
-    return _not_told(found, freedom.detectability(truth), limit) if found else {}
-
-
-def _not_told(
-    found: Mapping[str, float], size: float, limit: float = CONFUSABLE
-) -> dict[str, float]:
-    """Those of :func:`differences` that the data cannot tell from what is hidden."""
-    return {name: rest for name, rest in found.items() if rest < limit and rest < _NEAR * size}
 
 
 def differences(
@@ -226,13 +203,19 @@ def differences(
             if ALIKE < rest < _LIKE * size or other.name in kin:
                 if other.name in kin:
                     strength, _ = _search(freedom, other, aux, size, strength, linear=False)
-                beside = freedom.beside(_retuned(other, strength, aux))
+                beside = freedom.beside(_applied(other, strength, aux, _numbers(aux)))
                 with contextlib.suppress(InputError):
                     rest = min(rest, beside.detectability(truth))
             found[other.name] = min(rest, found.get(other.name, math.inf))
             if not aux or found[other.name] < min(ALIKE, _NEAR * size):  # nothing else to try
                 break
     return dict(sorted(found.items(), key=lambda item: item[1]))
+
+
+def look_alikes(found: Mapping[str, float], size: float) -> dict[str, float]:
+    """Those of :func:`differences` that the data cannot tell from a truth of d' ``size``."""
+    least = min(CONFUSABLE, _NEAR * size)
+    return {name: rest for name, rest in found.items() if rest < least}
 
 
 def _without(left: Sequence[Array], mine: Sequence[Array], reached: float) -> float:
@@ -312,7 +295,7 @@ def _pair(rng: np.random.Generator, clean: Scenario, *, classes: bool) -> Concea
         others: Mapping[str, float] = {}
         if classes and reached >= 1:
             others = differences(rng, beside, truth, {effect.key, other[0].key}, kin=_kin(effect))
-            confusable |= _not_told(others, reached)
+            confusable |= look_alikes(others, reached)
         parts.append(_part(effect, strength, aux, reached, seen, others))
     size = min(p.detectability for p in parts)
     return Concealed(baseline, truth, 'pair', tuple(parts), size, confusable)
@@ -329,20 +312,25 @@ def _kin(effect: Effect) -> tuple[str, ...]:
     return DRY_FRICTIONS if effect.name in DRY_FRICTIONS else ()
 
 
-def _applied(effect: Effect, strength: float, aux: Mapping[str, float | str]) -> Companion:
-    """An effect as a companion of the baseline whose strength may be re-tuned with it."""
-    return Companion(lambda scenario, factors: effect.apply(scenario, strength * factors[0], aux))
-
-
-def _retuned(effect: Effect, strength: float, aux: Mapping[str, float | str]) -> Companion:
-    """The same, whose other numbers may be re-tuned as well."""
-    free = {k: float(v) for k, v in aux.items() if k not in _NO_NUMBERS and v != 0}
+def _applied(
+    effect: Effect,
+    strength: float,
+    aux: Mapping[str, float | str],
+    numbers: Mapping[str, float] | None = None,
+) -> Companion:
+    """An effect as a companion whose strength, and ``numbers`` of ``aux``, may be re-tuned."""
+    free = numbers or {}
 
     def apply(scenario: Scenario, factors: Sequence[float]) -> Scenario:
         own = {k: v * f for (k, v), f in zip(free.items(), factors[1:], strict=True)}
         return effect.apply(scenario, strength * factors[0], {**aux, **own})
 
     return Companion(apply, 1 + len(free))
+
+
+def _numbers(aux: Mapping[str, float | str]) -> dict[str, float]:
+    """What was drawn beside the strength and may be re-tuned."""
+    return {k: float(v) for k, v in aux.items() if k not in _NO_NUMBERS and v != 0}
 
 
 def _possible(category: str, kind: str) -> bool:
@@ -382,7 +370,7 @@ def _part(
     aux: Mapping[str, float | str],
     size: float,
     seen_by_all: float,
-    apart: Mapping[str, float],
+    others: Mapping[str, float],
 ) -> Part:
     values = chosen.parameters(strength, aux)
     if 'channel' in aux:
@@ -395,7 +383,7 @@ def _part(
         parameters=values,
         detectability=size,
         by_all=seen_by_all,
-        differences=apart,
+        differences=others,
     )
 
 

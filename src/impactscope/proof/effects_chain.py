@@ -29,7 +29,7 @@ def _filter(rng: np.random.Generator, scenario: Scenario) -> Drawn:
 
 
 def _filters(_scenario: Scenario) -> list[Drawn]:
-    """Filters without a delay first: they look least like any other."""
+    """Filters of every order, without a delay and with one."""
     return [{'order': n, 'zero_phase': z} for z in (1, 0) for n in range(1, _ORDERS + 1)]
 
 

@@ -1,10 +1,10 @@
-"""How often an observer who knows every law, every number but one and the noise would be right.
+"""How often an observer who knows every law, all numbers and the noise would be right.
 
-He decides by the likelihood (Neyman and Pearson, Phil. Trans. R. Soc. A 231, 1933). What he finds
-has to exceed what noise makes of ``looks`` candidates in one of a hundred clean campaigns; and
-between two known courses that differ by d standard deviations of the noise he errs in Phi(-d/2).
-Each chance is that of the worst of these steps alone, so nobody does better; who has to find the
-numbers, too, does worse.
+He does not know which of the effects is hidden, if any, and decides by the likelihood (Neyman and
+Pearson, Phil. Trans. R. Soc. A 231, 1933). What he finds has to exceed what noise makes of all
+candidates in one of a hundred clean campaigns; and between two known courses that differ by d
+standard deviations of the noise he errs in Phi(-d/2), if either is as likely. Each chance is that
+of the worst of these steps alone, so nobody does better; who has to find the numbers does worse.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.stats import norm
 
 __all__ = ['chance_of_name', 'chance_of_part', 'chance_of_set']
 
-FALSE = 0.01  # of clean campaigns in which something may be found
+FALSE_FINDINGS = 0.01  # of clean campaigns in which something may be found
 
 
 def chance_of_part(size: float, differences: Mapping[str, float]) -> float:
@@ -28,7 +28,7 @@ def chance_of_part(size: float, differences: Mapping[str, float]) -> float:
         differences: the d' that each candidate leaves of it which would be a wrong answer.
     """
     looks = 1 + len(differences)
-    least = float(norm.isf(-math.expm1(math.log1p(-FALSE) / looks)))
+    least = float(norm.isf(-math.expm1(math.log1p(-FALSE_FINDINGS) / looks)))
     nearest = min(differences.values(), default=math.inf)
     return float(min(norm.cdf(size - least), norm.cdf(nearest / 2)))
 

@@ -94,13 +94,10 @@ def score(marks: Sequence[Mark]) -> Score:
         add('right family first', where, library, lambda m: bool(m.family_first))
         add('right set or class', where, library, lambda m: bool(m.right_set))
         add('exactly the right set', where, library, lambda m: bool(m.exact_set))
-        known = [m for m in library if m.ideal_name is not None]
-        for what, right, chance in (
-            ('right name first', 'name_first', 'ideal_name'),
-            ('right set or class', 'right_set', 'ideal_set'),
-        ):
-            hits = sum(bool(getattr(m, right)) for m in known)
-            ideal.append((what, where, hits, sum(getattr(m, chance) for m in known), len(known)))
+        names = [(m.name_first, m.ideal_name) for m in library]
+        ideal.append(('right name first', where, *_of_ideal(names)))
+        sets = [(m.right_set, m.ideal_set) for m in library]
+        ideal.append(('right set or class', where, *_of_ideal(sets)))
         wrong = [m for m in inside if m.category in ('parameter', 'label')]
         add('wrong number called one', where, wrong, lambda m: bool(m.right_set))
         add('and the right one named', where, wrong, lambda m: bool(m.parameter_named))
@@ -187,6 +184,12 @@ def write(output: Path, marks: Sequence[Mark], result: Score) -> None:
     """Leave ``score.json`` beside the examination."""
     content = {'score': asdict(result), 'marks': [asdict(m) for m in marks]}
     (output / 'score.json').write_text(json.dumps(content, indent=1, default=str))
+
+
+def _of_ideal(told: Sequence[tuple[bool | None, float | None]]) -> tuple[int, float, int]:
+    """How many are right, and of an ideal observer at most, among those of which that is known."""
+    known = [(bool(right), chance) for right, chance in told if chance is not None]
+    return sum(right for right, _ in known), math.fsum(chance for _, chance in known), len(known)
 
 
 def _right(m: Mark) -> bool:

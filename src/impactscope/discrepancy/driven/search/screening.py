@@ -209,8 +209,8 @@ def _again(
 ) -> Prospect:
     """A promising start, simulated beside the fit itself.
 
-    An effect that is not straight in its amount is scaled anew by what it does there: from a
-    start a hundred times too large a coupling leads to one that is ten times too large.
+    An effect that is not straight in its amount is scaled anew by what it does there: one step
+    from a start that is far too large leads to another that is too large.
     """
     if prospect.gain < HOPE:
         return prospect
