@@ -11,6 +11,7 @@ from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
 from impactscope.discrepancy.impact.fits.least_squares import at_point, fit
 from impactscope.discrepancy.impact.models.baseline import baseline_model
+from impactscope.discrepancy.impact.models.bench_model import ActiveEffect
 from impactscope.discrepancy.impact.search.outcome import (
     chance_of,
     evidence_for,
@@ -20,13 +21,23 @@ from impactscope.discrepancy.impact.search.outcome import (
 SIZE = 5000
 
 
-def left(residuals):
-    """A fit that leaves these residuals, with two priors behind them."""
+def left(residuals, *, readings=None, limit=None):
+    """A fit that leaves these residuals, with two priors behind them.
+
+    ``readings``: of its one channel, whose noise is 1; ``limit``: to which the model cuts them.
+    """
+    blow = SimpleNamespace(
+        channels={'force': SimpleNamespace(means=readings, own_std=np.ones(SIZE))}
+    )
+    cuts = () if limit is None else (ActiveEffect('saturation', 'force'),)
+    whole = {(0, 'force'): slice(0, SIZE)}
     return SimpleNamespace(
         residuals=np.append(residuals, [0.0, 0.0]),
         chi_square=float(residuals @ residuals),
         reduced=float(residuals @ residuals) / SIZE,
-        layout=SimpleNamespace(size=SIZE),
+        layout=SimpleNamespace(size=SIZE, spans=whole, masks={(0, 'force'): slice(None)}),
+        model=SimpleNamespace(effects=cuts, data=SimpleNamespace(blows=(blow,))),
+        values={f'{e.tag}.limit': limit for e in cuts},
     )
 
 
@@ -47,6 +58,20 @@ def test_a_few_samples_on_the_verge_of_a_contact_decide_nothing(noise, lone):
     missed[700 : 700 + lone] = 9.2
     assert left(missed).chi_square - left(noise).chi_square > 75 * lone
     assert evidence_for(left(noise), left(missed)) <= 9.0 * lone
+
+
+@pytest.mark.parametrize(('reading', 'told'), [(99.0, 17.0), (-101.0, 17.0), (80.0, 9.0)])
+def test_one_sample_at_a_limit_tells_as_much_as_where_it_is(noise, reading, told):
+    """The highest reading is one of 5000: chance hits it with 1/5000, twice whose log is 17."""
+    missed = noise.copy()
+    missed[700] = 9.2
+    readings = np.zeros(SIZE)
+    readings[700] = reading
+    cut = left(noise, readings=readings, limit=100.0)
+    assert evidence_for(cut, left(missed)) == pytest.approx(told, abs=0.1)
+    # where both have the limit it is no news
+    both = left(missed, readings=readings, limit=100.0)
+    assert evidence_for(cut, both) == pytest.approx(9.0, abs=0.1)
 
 
 def test_a_contact_that_is_missed_in_every_blow_is_evidence(noise):

@@ -32,6 +32,9 @@ def wrong_number(prior: tuple[float, float] | None = None) -> Candidate:
 PUSH = Candidate(label='external_push', name='external_push', subsystem='impactor')
 
 
+PLAIN = SimpleNamespace(effects=())  # a model with nothing beyond the bench
+
+
 def outcome_with(value: float, std: float) -> SimpleNamespace:
     final = SimpleNamespace(values={LOAD: value}, std=lambda _: std, layout='whole')
     return SimpleNamespace(
@@ -264,9 +267,8 @@ def test_one_effect_in_place_of_two_counts_from_its_lowest_minimum(
 
     def at(level: float) -> SimpleNamespace:
         residuals = np.full(1000, np.sqrt(level / 1000))
-        return SimpleNamespace(
-            chi_square=level, reduced=1.0, values={}, layout=layout, residuals=residuals
-        )
+        known = {'values': {}, 'model': PLAIN, 'layout': layout}
+        return SimpleNamespace(chi_square=level, reduced=1.0, residuals=residuals, **known)
 
     current, start = at(100.0), at(200.0)
     outcome = Outcome(start, current, [first, second])
@@ -304,9 +306,8 @@ def test_few_samples_count_no_more_for_several_findings_than_for_one(
     def at(level: float, peak: float) -> SimpleNamespace:
         residuals = np.full(1000, np.sqrt((level - peak) / 1000))
         residuals[0] = np.sqrt(residuals[0] ** 2 + peak)
-        return SimpleNamespace(
-            chi_square=level, reduced=1.0, values={}, layout=layout, residuals=residuals
-        )
+        known = {'values': {}, 'model': PLAIN, 'layout': layout}
+        return SimpleNamespace(chi_square=level, reduced=1.0, residuals=residuals, **known)
 
     current, start = at(100.0, 0.0), at(200.0, lone)
     outcome = Outcome(start, current, [first, second])
@@ -332,9 +333,9 @@ def test_one_of_two_findings_takes_the_place_of_both_from_another_minimum(
     """Two leave 100, the second alone 95 elsewhere, ``otherwise`` with names taken otherwise."""
     first, second = wrong_number(), dataclasses.replace(wrong_number(), label='another number')
     layout = SimpleNamespace(size=1000)
-    taken = SimpleNamespace()
+    taken = SimpleNamespace(effects=())
 
-    def at(level: float, model: object = None) -> SimpleNamespace:
+    def at(level: float, model: object = PLAIN) -> SimpleNamespace:
         residuals = np.full(1000, np.sqrt(level / 1000))
         return SimpleNamespace(
             chi_square=level, reduced=1.0, layout=layout, residuals=residuals, x=None, model=model
@@ -400,7 +401,7 @@ def test_a_rival_of_two_findings_takes_the_place_of_both(
 
     def at(level: float, value: float) -> SimpleNamespace:
         values = {LOAD: value}
-        more = {'reduced': 1.0, 'layout': layout, 'residuals': none}
+        more = {'reduced': 1.0, 'model': PLAIN, 'layout': layout, 'residuals': none}
         return SimpleNamespace(chi_square=level, values=values, **more)
 
     final, without = at(100.0, 0.0), at(300.0, 0.0)
@@ -442,11 +443,9 @@ def test_a_law_is_weighed_against_its_plain_form_by_what_is_told_of_its_further_
     law = Candidate('s', 'stribeck_friction', 'guide', free=free)
 
     def at(level: float) -> SimpleNamespace:
-        sizes = SimpleNamespace(size=1)
+        known = {'values': {}, 'model': PLAIN, 'layout': SimpleNamespace(size=1)}
         residuals = np.array([np.sqrt(level)])
-        return SimpleNamespace(
-            chi_square=level, reduced=1.0, values={}, layout=sizes, residuals=residuals
-        )
+        return SimpleNamespace(chi_square=level, reduced=1.0, residuals=residuals, **known)
 
     of_plain, of_law = at(100.0), at(100.0 - gain)
     if fuller_is_rival:

@@ -75,7 +75,7 @@ def family_p_value(gain: float, parameters: int, looks: int) -> float:
     return float(-math.expm1(max(looks, 1) * math.log1p(-min(single, 1 - 1e-12))))
 
 
-def borne_by_many(fall: Array, lone: int, most: float) -> float:
+def borne_by_many(fall: Array, lone: int, most: float | Array) -> float:
     """A fall of chi-square, sample by sample, in which no few samples decide.
 
     A sample on the verge of a contact, or in which a friction turns round, is right or wrong by
@@ -84,13 +84,14 @@ def borne_by_many(fall: Array, lone: int, most: float) -> float:
     Args:
         fall: of each sample's square, shape (n,).
         lone: number of samples that must not decide; all count in full where there are no more.
-        most: by which each of the ``lone`` that fall most may count.
+        most: by which each of the ``lone`` that are furthest above it may count; of all samples,
+            or of each, shape (n,).
     """
     whole = float(np.sum(fall))
     if fall.size <= lone:
         return whole
-    largest = np.partition(fall, -lone)[-lone:]
-    return whole - float(np.sum(np.maximum(largest - most, 0.0)))
+    beyond = np.partition(fall - most, -lone)[-lone:]
+    return whole - float(np.sum(np.maximum(beyond, 0.0)))
 
 
 def least_gain(parameters: int, looks: int, false_finding: float) -> float:

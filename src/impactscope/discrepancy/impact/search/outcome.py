@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impactscope.discrepancy.evidence import borne_by_many, family_p_value, information
 from impactscope.discrepancy.impact.adequacy.residual_tests import LONE, TOLD, Adequacy
@@ -31,6 +32,7 @@ _OF_A_HUM = 2  # numbers that all recordings share: amplitude and frequency
 _MAINS_BAND = 0.5  # Hz about the mains and their harmonics
 _UNBORNE = 4.0  # times the gain that a finding's size explains, from which a fit is doubted
 _LEAST = 9.0  # of chi-square, that are worth another fit
+_AT_LIMIT = 5.0  # times the noise, by which a reading at a limit may lie beside it
 QUIET = 1.15  # reduced chi-square below which a short window holds nothing to look for
 
 
@@ -99,14 +101,36 @@ def evidence_for(joint: Fit, without: Fit) -> float:
     """Fall of chi-square, over the reduced chi-square that is left; no few samples decide.
 
     The ``LONE`` samples that gain most count by no more than ``TOLD`` each, see
-    :func:`~impactscope.discrepancy.evidence.borne_by_many`.
+    :func:`~impactscope.discrepancy.evidence.borne_by_many`; by more where a limit cuts them.
     """
     gain = without.chi_square - joint.chi_square
     size = joint.layout.size
     if size == without.layout.size:
         fall = without.residuals[:size] ** 2 - joint.residuals[:size] ** 2
-        gain += borne_by_many(fall, LONE, TOLD) - float(np.sum(fall))
+        gain += borne_by_many(fall, LONE, _told_by_each(joint, without)) - float(np.sum(fall))
     return gain / max(1.0, joint.reduced)
+
+
+def _told_by_each(joint: Fit, without: Fit) -> NDArray[np.float64]:
+    """By how much each sample may count if few stand out, shape (size,).
+
+    A limit cuts the highest readings, which may be few. That one which is off by chance is among
+    these is as unlikely as it is to pick one of all samples, and so much it may tell.
+    """
+    model, layout = joint.model, joint.layout
+    most = np.full(layout.size, TOLD)
+    known = {e.tag for e in without.model.effects}
+    for effect in model.effects:
+        if effect.name != 'saturation' or effect.tag in known:
+            continue
+        limit = joint.values[f'{effect.tag}.limit']
+        for (i, name), span in layout.spans.items():
+            if name == effect.channel:
+                channel, mask = model.data.blows[i].channels[name], layout.masks[i, name]
+                beside = np.abs(np.abs(channel.means[mask]) - limit)
+                at_limit = beside < _AT_LIMIT * channel.own_std[mask]
+                most[span][at_limit] = max(TOLD, 2.0 * math.log(layout.size))
+    return most
 
 
 def weigh(candidate: Candidate, joint: Fit, current: Fit, looks: int) -> Found:
