@@ -50,13 +50,22 @@ def setting_in():
         yield time, x, CubicSpline(time, x)(time, 1)
 
 
-def campaign(seed, more=lambda i, t, x, v: 0.0, known=(), still=0.0, courses=motions, noise=NOISE):
+def campaign(
+    seed,
+    more=lambda i, t, x, v: 0.0,
+    known=(),
+    still=0.0,
+    courses=motions,
+    noise=NOISE,
+    jitter=0.05,
+):
+    """``jitter``: noise of the motion, over that of the force and the stiffness."""
     rng = np.random.default_rng(seed)
     entries, channels = [], {}
     for i, (time, x, v) in enumerate(courses(still) if still else courses()):
         force = STIFFNESS * x + DAMPING * v + more(i, time, x, v)
         force = force + noise * rng.standard_normal(time.size)
-        moved = x + 0.05 * noise / STIFFNESS * rng.standard_normal(time.size)
+        moved = x + jitter * noise / STIFFNESS * rng.standard_normal(time.size)
         file = f'r{i}.mcap'
         entries.append({'file': file, 'role': 'hold_out' if i == 2 else 'fit'})
         channels[file] = {
@@ -296,6 +305,17 @@ def test_hum_has_a_phase_of_its_own_in_each_recording():
     assert answer.accepted == ('mains_hum',)
     found = answer.ranking[0].parameters['amplitude']
     assert abs(found.value - 0.08) < 4.0 * found.std
+
+
+def test_a_hum_that_a_closer_course_hides_in_noise_asks_for_none():
+    """A course up to 37 Hz lets no noise of 50 Hz through; one that is followed closer does."""
+
+    def hum(i, t, x, v):
+        return 0.08 * np.sin(2 * np.pi * 50.01 * t + 2.1 * i)
+
+    answer = explain_driven(campaign(15, hum, jitter=0.25))
+    assert answer.accepted == ('mains_hum',)
+    assert not any('followed more closely' in note for note in answer.notes)
 
 
 def test_a_motion_as_broad_as_its_spectrum_leaves_no_noise_to_read():

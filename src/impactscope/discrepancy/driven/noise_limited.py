@@ -309,21 +309,43 @@ def _rounded_off(
     new = [t for t in new if not shows_at_ends(t, case.segments)]
     if not new:
         return False
-    gains = []
+    held = []
     for each in (case, closer):
         made = fit(each.model, outcome.best.terms, each.segments, outcome.best.values)
         known = anew(each, made) or each
-        gains.append([_gain_by(known, made, t) for t in new])
-    return any(there < STAYS * here for here, there in zip(*gains, strict=True))
-
-
-def _gain_by(case: Case, made: Fit, term: Term) -> float:
-    """Fall of chi-square by one of several effects."""
-    with_it, without = (
-        fit(case.model, terms, case.segments, made.values)
-        for terms in (made.terms, tuple(t for t in made.terms if t is not term))
+        held.append((known, [_without_and_with(known, made, t) for t in new]))
+    (here, mine), (there, theirs) = held
+    return any(
+        there.judge.gain(*b).fitted
+        < STAYS * here.judge.gain(*a).fitted * _seen_as_well(here, there, a)
+        for a, b in zip(mine, theirs, strict=True)
     )
-    return case.judge.gain(without, with_it).fitted
+
+
+def _without_and_with(case: Case, made: Fit, term: Term) -> tuple[Fit, Fit]:
+    """Fits with all effects but one, and with all."""
+    others = tuple(t for t in made.terms if t is not term)
+    without, with_it = (
+        fit(case.model, terms, case.segments, made.values) for terms in (others, made.terms)
+    )
+    return without, with_it
+
+
+def _seen_as_well(here: Case, there: Case, fits: tuple[Fit, Fit]) -> float:
+    """Share of a gain that an effect would have beside the noise of another case, at most 1.
+
+    A closer course lets more of the motion's noise through, and a true effect is seen less, too.
+    """
+    changes = [a - b for a, b in zip(*(f.residuals for f in fits), strict=True)]
+    sizes = []
+    for case in (here, there):
+        rows = [
+            innovations(s, c)
+            for s, c in zip(case.segments, changes, strict=True)
+            if not s.held_out
+        ]
+        sizes.append(math.fsum(float(r @ r) for r in rows))
+    return min(1.0, sizes[1] / max(sizes[0], 1e-300))
 
 
 def chain_answer(

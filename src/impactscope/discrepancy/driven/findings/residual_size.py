@@ -24,7 +24,10 @@ from impactscope.discrepancy.driven.models.oscillator_model import OscillatorMod
 from impactscope.discrepancy.driven.search.beam_search import Outcome
 from impactscope.discrepancy.driven.systems.case import Case
 from impactscope.discrepancy.driven.systems.chain import ChainModel
-from impactscope.discrepancy.driven.systems.prescribed_motion_noise import counting_of
+from impactscope.discrepancy.driven.systems.prescribed_motion_noise import (
+    counting_of,
+    power_of_noise,
+)
 from impactscope.discrepancy.driven.systems.prescribed_noise_limited import NoiseLimitedMotionModel
 from impactscope.discrepancy.evidence import quantisation_step
 
@@ -103,7 +106,7 @@ def _louder_than_its_noise(case: Case, made: Fit) -> str:
     """
     pairs = zip(case.segments, made.residuals, strict=True)
     rows = [(s, counting_of(s, r)) for s, r in pairs if not s.held_out]
-    power = float(np.mean([np.mean(r**2) / s.noise**2 for s, r in rows]))
+    power = float(np.mean([np.mean(r**2) / power_of_noise(s) for s, r in rows]))
     independent = math.fsum(counting_samples(r) for _, r in rows)
     if power < 1.0 + MUCH_LARGER + SURE * math.sqrt(2.0 / independent):
         return ''

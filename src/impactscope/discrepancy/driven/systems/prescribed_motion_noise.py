@@ -14,7 +14,7 @@ from impactscope.discrepancy.driven.data.trajectory import passed_by_spline
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.noise.coloured_noise import Colour, Forgetting, forgetting
 
-__all__ = ['PrescribedMotionNoise', 'between', 'counting_of', 'runs']
+__all__ = ['PrescribedMotionNoise', 'between', 'counting_of', 'power_of_noise', 'runs']
 
 Array = NDArray[np.float64]
 
@@ -43,16 +43,29 @@ class PrescribedMotionNoise:
 
     def share(self, frequency: NDArray[np.floating]) -> Array:
         """Share of the noise's power that the motion's noise makes."""
+        passed = self._passed(frequency)
+        own = np.full(frequency.size, self.force**2)
+        if self.colour is not None:
+            own *= self.colour.power(2.0 * self.period * np.asarray(frequency, np.float64))
+        return np.asarray(passed / (passed + own))
+
+    def of_motion(self, size: int) -> float:
+        """Mean square of a force, ``size`` samples, that the motion's noise makes."""
+        return float(np.mean(self._passed(self._frequencies(size))))
+
+    def _passed(self, frequency: NDArray[np.floating]) -> Array:
+        """Power that the motion's noise makes by frequency; its mean is a sample's variance."""
         turn = 2.0 * math.pi * frequency
         stiffness, damping, mass = self.device
         passed = self.motion**2 * ((stiffness - mass * turn**2) ** 2 + (damping * turn) ** 2)
         passed = passed * passed_by_spline(0.5 * frequency / self.band)
         if self.wanders is not None:
             passed = passed * self.wanders.power(2.0 * self.period * np.asarray(frequency))
-        own = np.full(turn.size, self.force**2)
-        if self.colour is not None:
-            own *= self.colour.power(2.0 * self.period * np.asarray(frequency, np.float64))
-        return np.asarray(passed / (passed + own))
+        return np.asarray(passed)
+
+    def _frequencies(self, size: int) -> Array:
+        """Those of the cosines of so many samples, Hz, shape (size,)."""
+        return np.asarray(0.5 / (size * self.period) * np.arange(size, dtype=np.float64))
 
     def __call__(self, residual: Array) -> Array:
         """A residual, shape (n,), in units of its noise."""
@@ -91,7 +104,7 @@ class PrescribedMotionNoise:
             more = more * self.slow.scale[-1] ** 2
         if self.turns is not None:
             more = np.where(self.turns, np.inf, more)
-        share = self.share(0.5 / (size * self.period) * np.arange(size, dtype=np.float64))
+        share = self.share(self._frequencies(size))
         passes = None if np.max(share) < LITTLE else np.sqrt(1.0 - share)
         return 1.0 / np.sqrt(1.0 + more) / self.force, passes
 
@@ -106,6 +119,14 @@ def counting_of(segment: Segment, values: Array) -> Array:
     if isinstance(known, PrescribedMotionNoise) and known.turns is not None:
         return values[~known.turns]
     return values
+
+
+def power_of_noise(segment: Segment) -> float:
+    """Mean square of a sample by noise: its own, and what that of a prescribed motion makes."""
+    known, own = segment.whitener, segment.noise**2
+    if isinstance(known, PrescribedMotionNoise):
+        return own + known.of_motion(segment.measured.size)
+    return own
 
 
 def between(values: Array, left_out: NDArray[np.bool_]) -> Array:
