@@ -2,10 +2,12 @@
 
 import dataclasses
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from impactscope.discrepancy.driven import explain as explaining
 from impactscope.discrepancy.driven.adequacy.cogging import cogging_of_motion, periods_to_try
 from impactscope.discrepancy.driven.fits.equation_error import position_cogging
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
@@ -40,6 +42,16 @@ def test_usual_forces_do_not_repeat_with_the_position():
 
 def test_a_speed_says_nothing_of_it():
     assert position_cogging([dataclasses.replace(segment(3.0), derivative=1)]) is None
+
+
+@pytest.mark.parametrize(('left', 'told'), [(0.1, False), (0.6, True)])
+def test_a_ripple_is_in_the_way_of_a_search_that_has_left_much(left, told):
+    """One that leaves a hundredth of the power that was missed has followed the motion."""
+    whole = segment(3.0)
+    missed = np.sin(np.arange(whole.measured.size) / 300.0)
+    baseline, best = (SimpleNamespace(residuals=[size * missed]) for size in (1.0, left))
+    outcome = SimpleNamespace(baseline=baseline, best=best)
+    assert (explaining._ripple(outcome, [whole]) is not None) is told
 
 
 def recorded(amplitude, friction=0.0, seed=5):

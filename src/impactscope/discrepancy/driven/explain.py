@@ -76,6 +76,7 @@ MODAL = 0.3  # share of the baseline's residual below which more modes explain m
 MOST_HOLLOW = 10_000  # fitted samples that are searched to the noise although nothing is explained
 MOST_TO_THE_NOISE = 120_000  # samples of a sprung mass; more take minutes and have told already
 MANY = 3  # findings, of which some may stand for a beginning that was not free
+FOLLOWED = 0.1  # of what a baseline leaves, in power: a search that leaves less follows the motion
 CLEARLY_MORE = 1.1  # times what another model leaves
 CHAIN_EFFORT = Effort(numbers=6, depth=4, tried=8, beam=3)
 LOCAL_EFFORT = Effort(numbers=6, depth=2, tried=8, beam=2)
@@ -205,7 +206,7 @@ def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress
             return describe(
                 Subject(campaign, model, segments, judge, only, None, tuple(notes), None, said)
             )
-        period = position_cogging(segments)
+        period = _ripple(outcome, segments)
     if period is not None:
         outcome = Outcome(outcome.baseline, outcome.baseline, (), believed=False)
     subject = Subject(campaign, model, segments, judge, outcome, modes, tuple(notes))
@@ -280,6 +281,17 @@ def _left_by(one: Answer, other: Answer) -> list[tuple[float, float]]:
 
 def _counted(segments: Sequence[Segment]) -> int:
     return sum(s.measured.size for s in segments if not s.held_out)
+
+
+def _ripple(outcome: Outcome, segments: Sequence[Segment]) -> float | None:
+    """Period of a force that repeats with the position of an axis, in the way of a search.
+
+    None where the search has followed the motion without it: beside what it has found such a
+    force is small, and what is slow goes like one of few periods anyway.
+    """
+    if _power(outcome.best, segments) < FOLLOWED * _power(outcome.baseline, segments):
+        return None
+    return position_cogging(segments)
 
 
 def _rippled(answer: Answer, period: float, unit: str) -> Answer:
