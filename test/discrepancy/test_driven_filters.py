@@ -14,6 +14,8 @@ from impactscope.discrepancy.driven.models.measuring_chain import (
     power_retimed,
     retimed,
 )
+from impactscope.discrepancy.driven.noise.noise_bands import band_levels
+from impactscope.discrepancy.driven.systems.chain import _floor, _noise_passed
 
 RATE, SAMPLES, NOISE = 2000.0, 3000, 0.05
 CHANNELS = 'acceleration.raw', 'acceleration.processed'
@@ -196,3 +198,43 @@ def test_how_much_noise_a_late_clock_takes_away_is_known(shift):
     assert np.mean(told) == pytest.approx(left, abs=0.02)
     assert told[0] == pytest.approx(1.0, abs=1e-6)
     assert np.all(power_retimed((), {}, frequency, 1.0 / RATE) == 1.0)
+
+
+def smoothed(keep, samples):
+    """Exponential smoothing as firmware does it, from the first sample on."""
+    return signal.lfilter([1.0 - keep], [1.0, -keep], samples, zi=[keep * samples[0]])[0]
+
+
+@pytest.mark.parametrize('noisy', [0.0, 1.0])
+def test_exponential_smoothing_is_a_low_pass_and_no_early_clock(noisy):
+    """Of what was recorded, noise and all: it lets a seventh of that through at the most.
+
+    Next to half the rate it is no Butterworth, and half a sample earlier than one.
+    """
+    keep, rng = 0.75, np.random.default_rng(3)
+    time = np.arange(SAMPLES) / RATE
+    pairs = []
+    for i in range(3):
+        raw = 20.0 * np.sin(2.0 * np.pi * (7.0 + i) * time) + 8.0 * np.sin(90.0 * time + i)
+        raw = raw + noisy * rng.standard_normal(SAMPLES)
+        pairs.append((raw, smoothed(keep, raw) + 1e-3 * rng.standard_normal(SAMPLES)))
+    answer = explain_driven(described(pairs, 'smoothed'))
+    assert answer.accepted == ('low_pass_filter',)
+    found = answer.ranking[0].parameters
+    assert (found['order'].value, found['zero_phase'].value) == (1.0, 0.0)
+    assert found['cutoff'].value == pytest.approx(-np.log(keep) * RATE / (2.0 * np.pi), rel=0.005)
+
+
+@pytest.mark.parametrize(('keep', 'least', 'most'), [(0.75, 0.9, 1.1), (None, -0.3, 0.3)])
+def test_noise_that_has_passed_goes_with_the_inputs_whatever_is_left_of_it(keep, least, most):
+    """``keep``: of smoothing; none: the output has noise of its own."""
+    rng = np.random.default_rng(4)
+    signals = 50.0 * np.sin(2.0 * np.pi * 20.0 * np.arange(SAMPLES) / RATE)
+    raw = [signals + rng.standard_normal(SAMPLES) for _ in range(3)]
+    out = [
+        smoothed(keep, u) if keep else signals + 0.1 * rng.standard_normal(SAMPLES) for u in raw
+    ]
+    levels = [band_levels([u]) for u in raw]
+    tops, floor = _floor(levels)
+    _, shared = _noise_passed(raw, out, levels, floor, tops)
+    assert least < shared < most

@@ -111,6 +111,20 @@ def channel_terms(
         for order in ORDERS
         for kind, how in (('causal', 'forwards'), ('zero', 'forwards and backwards'))
     ]
+    found.append(
+        term(
+            'low_pass_filter',
+            'smoothing-1',
+            (
+                'Exponential smoothing, a low-pass of order 1 of samples, stands in the channel.',
+                'y += (1 - exp(-2 pi f_c / rate)) (u - y)',
+                'a hard tap, beside an unfiltered channel',
+            ),
+            Number('cutoff', 'Hz', cuts, 100.0, 0.1 / longest, 0.499 * rate),
+            source='Brown (1963), simple exponential smoothing',
+            own=ends[0],
+        )
+    )
     found += [
         term(
             'low_pass_filter',

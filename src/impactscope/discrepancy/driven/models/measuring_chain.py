@@ -32,6 +32,7 @@ __all__ = [
     'power_passed',
     'power_retimed',
     'retimed',
+    'smooths',
     'turned',
 ]
 
@@ -57,6 +58,11 @@ def filter_of(term: Term) -> tuple[int, bool]:
 def before_sampling(term: Term) -> bool:
     """Whether a low-pass among the candidates acts before samples are taken."""
     return term.variant.startswith('analogue')
+
+
+def smooths(term: Term) -> bool:
+    """Whether a low-pass among the candidates is exponential smoothing, as firmware does it."""
+    return term.variant.startswith('smoothing')
 
 
 BELL = BSpline.basis_element(np.arange(-2.0, 3.0), False)  # of which a cubic spline is made
@@ -156,7 +162,11 @@ def _before(samples: Array) -> float:
 
 
 @functools.lru_cache(maxsize=256)
-def _low_pass(order: int, cutoff: float, rate: float) -> Array:
+def _low_pass(order: int, cutoff: float, rate: float, *, smooth: bool = False) -> Array:
+    """Sections of a Butterworth of samples, or of exponential smoothing, which is of order 1."""
+    if smooth:
+        keep = math.exp(-2.0 * math.pi * cutoff / rate)
+        return np.array([[1.0 - keep, 0.0, 0.0, 1.0, -keep, 0.0]])
     return np.asarray(signal.butter(order, cutoff, fs=rate, output='sos'))
 
 
@@ -187,7 +197,7 @@ def _filtered(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
         return samples
     if before_sampling(term):
         return _passed_before(order, cutoff, samples, rate, both=both)
-    sections = _low_pass(order, cutoff, rate)
+    sections = _low_pass(order, cutoff, rate, smooth=smooths(term))
     if both:
         return np.asarray(signal.sosfiltfilt(sections, samples))
     begin = signal.sosfilt_zi(sections) * _before(samples)
@@ -208,17 +218,19 @@ def turned(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
     if before_sampling(term):
         response = _analogue(order, cutoff, length, rate)
     else:
-        response = _digital(order, cutoff, length, rate)
+        response = _digital(order, cutoff, length, rate, smooth=smooths(term))
     size = np.abs(response)
     turn = np.divide(response, size, out=np.ones_like(response), where=size > 0.0)
     return np.asarray(np.fft.irfft(spectrum * turn, length)[pad : pad + n])
 
 
 @functools.lru_cache(maxsize=16)
-def _digital(order: int, cutoff: float, length: int, rate: float) -> NDArray[np.complex128]:
-    """Response of a Butterworth of samples by line of the spectrum of ``length`` samples."""
+def _digital(
+    order: int, cutoff: float, length: int, rate: float, *, smooth: bool
+) -> NDArray[np.complex128]:
+    """Response of a low-pass of samples by line of the spectrum of ``length`` samples."""
     lines = np.fft.rfftfreq(length, 1.0 / rate)
-    found = signal.sosfreqz(_low_pass(order, cutoff, rate), lines, fs=rate)[1]
+    found = signal.sosfreqz(_low_pass(order, cutoff, rate, smooth=smooth), lines, fs=rate)[1]
     return np.asarray(found, np.complex128)
 
 
@@ -299,7 +311,7 @@ def _ringing(term: Term, cutoff: float, rate: float, rest: Array, at: tuple[bool
     if before_sampling(term) or not 0.0 < cutoff < _highest(term) * rate:
         return held
     if at[0]:
-        free = _free(order, cutoff, rate, rest.size, back=both)
+        free = _free(order, cutoff, rate, rest.size, back=both, smooth=smooths(term))
         held[: free.shape[1]] = (free @ rest[: free.shape[1]]) @ free
     if at[1] and both:
         free = _free(order, cutoff, rate, rest.size)[:, ::-1]
@@ -309,13 +321,21 @@ def _ringing(term: Term, cutoff: float, rate: float, rest: Array, at: tuple[bool
 
 
 @functools.lru_cache(maxsize=64)
-def _free(order: int, cutoff: float, rate: float, count: int, *, back: bool = False) -> Array:
+def _free(
+    order: int,
+    cutoff: float,
+    rate: float,
+    count: int,
+    *,
+    back: bool = False,
+    smooth: bool = False,
+) -> Array:
     """What a low-pass gives without an input, orthonormal rows until it is forgotten.
 
     ``back``: after it has run backwards over that, too.
     """
-    sections = _low_pass(order, cutoff, rate)
-    slowest = float(np.max(np.abs(signal.butter(order, cutoff, fs=rate, output='zpk')[1])))
+    sections = _low_pass(order, cutoff, rate, smooth=smooth)
+    slowest = float(np.max(np.abs(signal.sos2zpk(sections)[1])))
     most = min(count, 1 + int(-FORGOTTEN / math.log(slowest)))
     used = (sections[:, [1, 2]] != 0.0) | (sections[:, [4, 5]] != 0.0)  # a section may be short
     begins = np.eye(2 * len(sections))[used.ravel()].reshape(-1, len(sections), 2)
@@ -416,7 +436,8 @@ def power_passed(
             if before_sampling(term):
                 share *= (1.0 + (frequency / cutoff) ** (2 * order)) ** (-2.0 if both else -1.0)
             elif 0.0 < cutoff < 0.5 * rate:
-                _, h = signal.sosfreqz(_low_pass(order, cutoff, rate), frequency, fs=rate)
+                sections = _low_pass(order, cutoff, rate, smooth=smooths(term))
+                _, h = signal.sosfreqz(sections, frequency, fs=rate)
                 share *= np.abs(h) ** (4 if both else 2)
         elif term.name == 'ac_coupling':
             corner = values[f'{term.label}.corner']

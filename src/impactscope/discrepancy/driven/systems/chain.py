@@ -56,6 +56,7 @@ Array = NDArray[np.float64]
 SIGNAL = 8.0  # times the noise: where a band has signal
 SILENT = 0.15  # times the noise: where it has none
 KNOWN = 0.3  # share of the input's noise that the output knows, if it passes the chain
+MOSTLY = 0.5  # of the output's noise, that goes with the input's: then that has passed
 SURE = 5.0  # standard errors
 ALIKE = 1.3  # ratio of the noise in two recordings, at most
 WHITE = 1.05  # ratio of two levels that are the same
@@ -259,7 +260,8 @@ def chain_case(
     known = made if found is None else found
     expected = [band_levels([segments[i].measured - known.residuals[i]]) for i in fitted]
     own = _own(expected, out, [band_levels([known.residuals[i]]) for i in fitted])
-    passes = own < LITTLE and _passes(inputs, outputs, into, floor, tops)
+    alike, shared = _noise_passed(inputs, outputs, into, floor, tops)
+    passes = (own < LITTLE and alike) or shared > MOSTLY
     if passes or (found is not None and _white(model, found, segments, top)):
         corner = math.inf
     if found is not None:
@@ -267,6 +269,8 @@ def chain_case(
         beyond = band_levels([found.residuals[i] for i in fitted])[top:]
         if beyond.size >= LEAST:
             above = min(above, float(np.mean(beyond)))
+        if passes:  # what a filter takes of the input's noise, it has taken of the output's
+            below = min(below, quietest([found.residuals[i] for i in fitted], 2 * QUARTER))
         above = below if math.isinf(corner) else above
     if not below > 0.0 or not above > 0.0:
         return None
@@ -441,15 +445,19 @@ def _last_line(samples: Array, floor: float) -> int:
     return int(np.searchsorted(edges, clear[-1], 'right')) if clear.size else 0
 
 
-def _passes(
+def _noise_passed(
     inputs: Sequence[Array],
     outputs: Sequence[Array],
     levels: Sequence[Array],
     floor: float,
     tops: Sequence[int],
-) -> bool:
-    """Whether the output has the input's noise, from the first bands without signal."""
-    cross = power = other = count = 0.0
+) -> tuple[bool, float]:
+    """Whether the output has the input's noise about as it is, and its share of the output's.
+
+    From the first bands without signal. A low-pass may leave little of the input's noise, and yet
+    be where all of the output's comes from: that goes with the input's, whatever the gain.
+    """
+    cross = power = other = count = shared = 0.0
     for u, y, level, top in zip(inputs, outputs, levels, tops, strict=True):
         window = np.hanning(u.size)
         a, b = np.fft.rfft(window * (u - np.mean(u))), np.fft.rfft(window * (y - np.mean(y)))
@@ -458,14 +466,21 @@ def _passes(
         for k in quiet:
             loud = np.abs(a[edges[k] : edges[k + 1]]) ** 2
             part = edges[k] + np.flatnonzero(loud < LINE * np.median(loud))  # no line of a signal
-            cross += float(np.real(np.vdot(a[part], b[part])))
-            power += float(np.real(np.vdot(a[part], a[part])))
-            other += float(np.real(np.vdot(b[part], b[part])))
-            count += (edges[k + 1] - edges[k]) / 1.5  # a window joins neighbours
-    if power == 0.0:
-        return False
+            both, into = complex(np.vdot(a[part], b[part])), float(np.sum(np.abs(a[part]) ** 2))
+            out = float(np.sum(np.abs(b[part]) ** 2))
+            lines = (edges[k + 1] - edges[k]) / 1.5  # a window joins neighbours
+            cross, power, other, count = (
+                cross + both.real,
+                power + into,
+                other + out,
+                count + lines,
+            )
+            shared += abs(both) ** 2 / (into or 1.0) - out / lines  # less what chance shares
+    if not power > 0.0 or not other > 0.0:
+        return False, 0.0
     gain = cross / power
-    return gain > KNOWN and gain > SURE * math.sqrt(other / power / (2.0 * count))
+    alike = gain > KNOWN and gain > SURE * math.sqrt(other / power / (2.0 * count))
+    return alike, shared / other
 
 
 def _split(segment: Segment, corner: float, between: float = 0.0) -> Array:

@@ -30,6 +30,7 @@ from impactscope.discrepancy.driven.models.measuring_chain import (
     filter_of,
     power_passed,
     power_retimed,
+    smooths,
 )
 from impactscope.discrepancy.driven.models.mechanical_effects import Sizes
 from impactscope.discrepancy.driven.models.model import Segment
@@ -400,7 +401,9 @@ def _terms(
         found += [t for t in terms if t.output or channel == channels[0]]
     if linear.drifts:  # its motion is far below any filter: the delay is all that shows
         found = [
-            t for t in found if t.name != 'low_pass_filter' or filter_of(t)[0] <= HIGHEST_ORDER
+            t
+            for t in found
+            if t.name != 'low_pass_filter' or (filter_of(t)[0] <= HIGHEST_ORDER and not smooths(t))
         ]
         # and what a coupling holds of the time before is where the recording begins
         found = [t for t in found if t.name != 'ac_coupling' or not t.own]
