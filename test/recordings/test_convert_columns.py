@@ -408,7 +408,7 @@ def test_uneven_times_are_refused_with_what_helps_and_resampled_where_asked(tmp_
     value = np.sin(2 * np.pi * 5.0 * time)
     np.savetxt(tmp_path / 'a.csv', np.column_stack([time, value])[keep], delimiter=',')
     spec = (ColumnSpec('angle', 1, 'rad'),)
-    with pytest.raises(InputError, match='resample'):
+    with pytest.raises(InputError, match=r'resample.*in bursts, give sample_rate'):
         convert(tmp_path / 'a.csv', tmp_path / 'a.mcap', ColumnMapping(spec, time=0))
     mapping = ColumnMapping(spec, time=0, sample_rate=1000.0, resample=True)
     made = convert(tmp_path / 'a.csv', tmp_path / 'a.mcap', mapping)
@@ -456,6 +456,15 @@ def test_structures_and_cells_of_matlab_are_read_and_the_rest_is_told(tmp_path):
     scipy.io.savemat(file, {'cube': cube})
     with pytest.raises(RecordingError, match='no numeric variables: cube'):
         read_columns(file)
+
+
+@pytest.mark.parametrize('rule', ['-----', '=== ===', '+---+---+', '# ----------'])
+def test_headings_stand_above_a_rule_too(tmp_path, rule):
+    rows = '\n'.join(f'{0.01 * k:.2f}, {k}' for k in range(50))
+    (tmp_path / 'a.txt').write_text(f'logger 7\nTime, Angle(deg)\n{rule}\n{rows}\n')
+    mapping = ColumnMapping((ColumnSpec('angle', 'Angle(deg)', 'deg'),), time='Time')
+    made = convert(tmp_path / 'a.txt', tmp_path / 'a.mcap', mapping)
+    assert (made.samples, made.sample_rate) == (50, 100.0)
 
 
 STAMPED = [  # heading, a row of a date and time and a number: all at 50 Hz

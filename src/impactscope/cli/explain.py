@@ -96,13 +96,13 @@ def print_campaign(campaign: 'Campaign') -> None:
             values = channel.values[inside]
             part = ''
             if cut and values.size:
-                begin, end = channel.time[inside][[0, -1]]
+                begin, end = np.round(channel.time[inside][[0, -1]], 9) + 0.0
                 part = f', the part from {begin:.4g} to {end:.4g} s'
             lost = int(np.isnan(values).sum())
             clipped = int(((values <= channel.range_min) | (values >= channel.range_max)).sum())
             ends = 'no number'
             if lost < values.size:
-                ends = f'{np.nanmin(values):.4g} to {np.nanmax(values):.4g}'
+                ends = f'{np.nanmin(values) + 0.0:.4g} to {np.nanmax(values) + 0.0:.4g}'
             out.print(
                 f'  {escape(channel.name)}: {ends} {escape(channel.unit)}, '
                 f'{values.size / channel.sample_rate:.4g} s at {channel.sample_rate:.6g} Hz{part}'

@@ -28,7 +28,8 @@ __all__ = ['Conversion', 'convert']
 BLOCK_DURATION = 0.02  # s of samples in a block, as drivers publish them
 _RESAMPLE = (
     '; resample: true (--resample) puts them on an even grid, with values between the samples '
-    'that a switched input never had'
+    'that a switched input never had; where rows are evenly sampled and only stamps scatter, as '
+    'in bursts, give sample_rate (--sample-rate) in place of the time column'
 )
 _LEAST_OF_A_RATE = 8  # numbers in a column by which a rate of its own is told
 _MOST_ODD_ROWS = 20  # at the beginning that are looked for

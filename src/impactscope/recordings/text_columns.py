@@ -31,6 +31,7 @@ _DAY, _HALF_A_DAY = timedelta(days=1), timedelta(hours=12)
 _DATE_END = re.compile(r'(?<=\d{4}-\d\d-\d\d) (?=\d\d:\d\d)')
 _DATE_LIKE = re.compile(r'\s*\d{1,4}[-./:]\d')
 _NO_DATE = 'neither a number nor a date and time such as 2025-11-14 20:07:10.53'
+_RULE = '-=_+|*~# \t'  # of which a line below headings is drawn
 _REMARK = ('', 'comment', 'comments')  # headings of columns that most rows end before
 
 
@@ -309,10 +310,11 @@ def _headings(
     """Names of the columns, without the mark of a comment before them; () where there are none.
 
     They stand in the last line that neither is a row nor begins as one, else in the last that is
-    none, and may be more than most rows have columns: those of remarks, and ``widest``, as many
-    as the first row has.
+    none, but for a rule drawn below them. They may be more than most rows have columns: those of
+    remarks, and ``widest``, as many as the first row has.
     """
-    no_rows = [x for x in head if x.strip() and not layout.is_row(_split(x, delimiter))]
+    written = [x for x in head if x.strip(_RULE)]
+    no_rows = [x for x in written if not layout.is_row(_split(x, delimiter))]
     plain = [x for x in no_rows if not layout.begins_a_row(_split(x, delimiter))]
     for line in (*plain[-1:], *no_rows[-1:]):
         for text in (line, line.lstrip(HEADING_MARKS)):

@@ -74,14 +74,17 @@ def describe(subject: Subject) -> Answer:
 def _estimates(s: Subject, made: Fit, units: Mapping[str, str]) -> dict[str, ParameterEstimate]:
     mass = mass_of_free_swing(s)
     terms = {key(t, n): t for t in made.terms for n in t.numbers}
-    return {
-        name: as_force(
-            ParameterEstimate(value, made.std.get(name, math.nan), units.get(name, '')),
-            mass,
-            terms.get(name),
-        )
-        for name, value in made.values.items()
-    }
+    found = {}
+    for name, value in made.values.items():
+        unit = units.get(name) or _unit_of(name)
+        told = ParameterEstimate(value, made.std.get(name, math.nan), unit)
+        found[name] = as_force(told, mass, terms.get(name))
+    return found
+
+
+def _unit_of(name: str) -> str:
+    """Unit of a number that no model states: angular frequencies of modes."""
+    return 'rad/s' if name.startswith('mode_') and name.endswith('.frequency') else ''
 
 
 def _extended(

@@ -93,7 +93,7 @@ def left_over(s: Subject, base: Fit, final: Fit) -> tuple[bool, str]:
         much = left > REMOVED * before or left > TOO_LARGE * size
         asks = (stated or left > LARGE * size) and much
         low, high = _band(residual, segment.period)
-        begin, end = _loudest(segment, residual)
+        begin, end = (round(t, 9) + 0.0 for t in _loudest(segment, residual))
         text = (
             f'{segment.recording}: {left:.3g} {segment.unit} rms of {segment.channel} is left '
             f'({left / size:.2g} of the signal, {ratio:.3g} times the noise), mostly from '
