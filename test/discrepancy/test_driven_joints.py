@@ -79,6 +79,7 @@ def test_an_output_that_no_oscillator_explains_is_called_so():
     bench = {'kind': 'driven', 'input': 'force', 'outputs': ['displacement']}
     answer = explained(bench, ['linear_sensor'], load)
     assert answer.accepted == ('unknown',)
+    assert answer.mismatch.p_value < 1e-3
     assert any('not the answer to force alone' in note for note in answer.notes)
 
 

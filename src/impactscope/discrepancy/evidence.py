@@ -36,6 +36,7 @@ __all__ = [
     'shape_price',
     'spread_over_minima',
     'spread_p_value',
+    'white_p_value',
 ]
 
 Array = NDArray[np.float64]
@@ -198,18 +199,23 @@ def spread_p_value(residuals: Array) -> float:
 
 
 def is_white(residuals: Array, p_value: float = 1e-4) -> bool:
-    """Whether standardised residuals in time order look white: first ten lags (Ljung, Box)."""
+    """Whether standardised residuals in time order look white, see :func:`white_p_value`."""
+    return white_p_value(residuals) > p_value
+
+
+def white_p_value(residuals: Array) -> float:
+    """Chance that white noise is as alike from sample to sample: first ten lags (Ljung, Box)."""
     n = residuals.size
     lags = min(10, n // 5)
     if lags < 1:
-        return True
+        return 1.0
     centred = residuals - np.mean(residuals)
     power = float(centred @ centred)
     if power == 0.0:
-        return True
+        return 1.0
     rho = np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
     statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    return bool(stats.chi2.sf(statistic, lags) > p_value)
+    return float(stats.chi2.sf(statistic, lags))
 
 
 def noise_std(samples: Array) -> float:

@@ -14,9 +14,10 @@ from impactscope.discrepancy.answer import (
     held_out_alone,
     stand_ins_told,
 )
-from impactscope.discrepancy.driven.findings.decision import decide
+from impactscope.discrepancy.driven.findings.decision import Decision, decide
 from impactscope.discrepancy.driven.findings.figures import (
     p_value_of,
+    p_value_of_rest,
     p_value_of_wrong,
     places,
     table,
@@ -52,7 +53,7 @@ def describe(subject: Subject) -> Answer:
         kind=s.campaign.kind.value,
         mismatch=Mismatch(
             detected,
-            min(p_value_of(s, final), *map(p_value_of_wrong, told.wrong), 1.0),
+            _p_value(told, s, final),
             places(s, base, final) if detected else (),
             subsystems,
         ),
@@ -69,6 +70,14 @@ def describe(subject: Subject) -> Answer:
         notes=(*notes, *stand_ins_told(t.name for t in told.stand_ins)),
         traces=traces(s, base, final),
     )
+
+
+def _p_value(told: Decision, s: Subject, final: Fit) -> float:
+    """Chance of all that is told where nothing is missing; of the rest, where that is told."""
+    chances = [p_value_of(s, final), *map(p_value_of_wrong, told.wrong)]
+    if s.verdict is None and any(f.name == 'unknown' for f in told.taken):
+        chances.append(p_value_of_rest(s, final))
+    return min(*chances, 1.0)
 
 
 def _estimates(s: Subject, made: Fit, units: Mapping[str, str]) -> dict[str, ParameterEstimate]:

@@ -24,9 +24,18 @@ from impactscope.discrepancy.evidence import (
     family_p_value,
     first_discoveries,
     is_white,
+    white_p_value,
 )
 
-__all__ = ['left_over', 'p_value_of', 'p_value_of_wrong', 'places', 'table', 'traces']
+__all__ = [
+    'left_over',
+    'p_value_of',
+    'p_value_of_rest',
+    'p_value_of_wrong',
+    'places',
+    'table',
+    'traces',
+]
 
 Array = NDArray[np.float64]
 
@@ -66,6 +75,13 @@ def p_value_of_wrong(wrong: Finding) -> float:
     if not math.isfinite(wrong.evidence):
         return 1.0
     return family_p_value(wrong.evidence, 1, 1)
+
+
+def p_value_of_rest(s: Subject, final: Fit) -> float:
+    """Chance that what a fit leaves is white noise, in all recordings together."""
+    pairs = zip(s.segments, final.residuals, strict=True)
+    chances = [white_p_value(_as_white(segment, left)) for segment, left in pairs]
+    return min(1.0, len(chances) * min(chances, default=1.0))
 
 
 def _rms(values: Array) -> float:
