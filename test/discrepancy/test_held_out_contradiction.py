@@ -31,7 +31,7 @@ def candidate_of(name):
 
 
 def found_of(candidate, criterion, refused=False, size=100):
-    model = SimpleNamespace(data=SimpleNamespace(held_out=()), free=candidate.free)
+    model = SimpleNamespace(data=SimpleNamespace(held_out=()), free=candidate.free, effects=())
     layout = SimpleNamespace(size=size)
     fit = SimpleNamespace(chi_square=100.0, reduced=1.0, model=model, layout=layout)
     return Found(candidate, fit, -criterion, 0.0, criterion, refused)
@@ -39,7 +39,7 @@ def found_of(candidate, criterion, refused=False, size=100):
 
 def outcome_of(gained):
     """A finding that lowers chi-square of the fitted recordings by ``gained``."""
-    model = SimpleNamespace(data=SimpleNamespace(held_out=()), free=())
+    model = SimpleNamespace(data=SimpleNamespace(held_out=()), free=(), effects=())
     layout = SimpleNamespace(size=100)
     friction = candidate_of('coulomb_friction')
     return Outcome(

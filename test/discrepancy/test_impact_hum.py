@@ -66,7 +66,7 @@ def hum_at(frequencies, gain=70.0, shares=AS_NOISE):
         for part in ('sine', 'cosine')
     )
     keys = [f.key for f in (frequency, *others)]
-    model = SimpleNamespace(data=SimpleNamespace(blows=[blow]), index=keys.index)
+    model = SimpleNamespace(data=SimpleNamespace(blows=[blow]), index=keys.index, effects=())
     active = ActiveEffect('mains_hum', 'force')
     own = tuple(range(8))
     hum = Candidate(
@@ -84,6 +84,7 @@ def hum_at(frequencies, gain=70.0, shares=AS_NOISE):
     before = SimpleNamespace(
         chi_square=30000.0 + gain,
         layout=layout,
+        model=model,
         residuals=np.full(30000, np.sqrt((30000 + gain) / 30000)),
     )
     fitted = {

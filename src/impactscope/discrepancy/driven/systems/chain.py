@@ -56,7 +56,9 @@ Array = NDArray[np.float64]
 SIGNAL = 8.0  # times the noise: where a band has signal
 SILENT = 0.15  # times the noise: where it has none
 KNOWN = 0.3  # share of the input's noise that the output knows, if it passes the chain
-MOSTLY = 0.5  # of the output's noise, that goes with the input's: then that has passed
+# of what an output has in bands without signal, that goes with the input's: then noise has passed,
+# and not a signal that is nowhere quiet
+NEARLY_ALL = 0.99
 SURE = 5.0  # standard errors
 ALIKE = 1.3  # ratio of the noise in two recordings, at most
 WHITE = 1.05  # ratio of two levels that are the same
@@ -261,7 +263,7 @@ def chain_case(
     expected = [band_levels([segments[i].measured - known.residuals[i]]) for i in fitted]
     own = _own(expected, out, [band_levels([known.residuals[i]]) for i in fitted])
     alike, shared = _noise_passed(inputs, outputs, into, floor, tops)
-    passes = (own < LITTLE and alike) or shared > MOSTLY
+    passes = (own < LITTLE and alike) or shared > NEARLY_ALL
     if passes or (found is not None and _white(model, found, segments, top)):
         corner = math.inf
     if found is not None:
@@ -455,7 +457,7 @@ def _noise_passed(
     """Whether the output has the input's noise about as it is, and its share of the output's.
 
     From the first bands without signal. A low-pass may leave little of the input's noise, and yet
-    be where all of the output's comes from: that goes with the input's, whatever the gain.
+    nearly all of the output's comes from it: that goes with the input's, whatever the gain.
     """
     cross = power = other = count = shared = 0.0
     for u, y, level, top in zip(inputs, outputs, levels, tops, strict=True):
@@ -466,16 +468,17 @@ def _noise_passed(
         for k in quiet:
             loud = np.abs(a[edges[k] : edges[k + 1]]) ** 2
             part = edges[k] + np.flatnonzero(loud < LINE * np.median(loud))  # no line of a signal
-            both, into = complex(np.vdot(a[part], b[part])), float(np.sum(np.abs(a[part]) ** 2))
-            out = float(np.sum(np.abs(b[part]) ** 2))
+            into, out = a[part], b[part]
             lines = (edges[k + 1] - edges[k]) / 1.5  # a window joins neighbours
-            cross, power, other, count = (
-                cross + both.real,
-                power + into,
-                other + out,
-                count + lines,
-            )
-            shared += abs(both) ** 2 / (into or 1.0) - out / lines  # less what chance shares
+            cross += float(np.real(np.vdot(into, out)))
+            power += float(np.sum(np.abs(into) ** 2))
+            other += float(np.sum(np.abs(out) ** 2))
+            count += lines
+            # what passes is turned a little more from line to line
+            turning = np.stack([into, into * np.linspace(-1.0, 1.0, into.size)], axis=1)
+            along = turning @ np.linalg.lstsq(turning, out, rcond=None)[0]
+            by_chance = turning.shape[1] * float(np.mean(np.abs(out - along) ** 2)) * 1.5
+            shared += float(np.sum(np.abs(along) ** 2)) - by_chance
     if not power > 0.0 or not other > 0.0:
         return False, 0.0
     gain = cross / power
