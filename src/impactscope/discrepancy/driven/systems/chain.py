@@ -59,6 +59,7 @@ KNOWN = 0.3  # share of the input's noise that the output knows, if it passes th
 # of what an output has in bands without signal, that goes with the input's: then noise has passed,
 # and not a signal that is nowhere quiet
 NEARLY_ALL = 0.99
+LINES = 8  # of a band's spectrum that tell whether two channels go together
 SURE = 5.0  # standard errors
 ALIKE = 1.3  # ratio of the noise in two recordings, at most
 WHITE = 1.05  # ratio of two levels that are the same
@@ -459,7 +460,7 @@ def _noise_passed(
     From the first bands without signal. A low-pass may leave little of the input's noise, and yet
     nearly all of the output's comes from it: that goes with the input's, whatever the gain.
     """
-    cross = power = other = count = shared = 0.0
+    cross = power = other = count = shared = told = 0.0
     for u, y, level, top in zip(inputs, outputs, levels, tops, strict=True):
         window = np.hanning(u.size)
         a, b = np.fft.rfft(window * (u - np.mean(u))), np.fft.rfft(window * (y - np.mean(y)))
@@ -474,16 +475,19 @@ def _noise_passed(
             power += float(np.sum(np.abs(into) ** 2))
             other += float(np.sum(np.abs(out) ** 2))
             count += lines
+            if into.size < LINES:
+                continue
             # what passes is turned a little more from line to line
             turning = np.stack([into, into * np.linspace(-1.0, 1.0, into.size)], axis=1)
             along = turning @ np.linalg.lstsq(turning, out, rcond=None)[0]
             by_chance = turning.shape[1] * float(np.mean(np.abs(out - along) ** 2)) * 1.5
             shared += float(np.sum(np.abs(along) ** 2)) - by_chance
+            told += float(np.sum(np.abs(out) ** 2))
     if not power > 0.0 or not other > 0.0:
         return False, 0.0
     gain = cross / power
     alike = gain > KNOWN and gain > SURE * math.sqrt(other / power / (2.0 * count))
-    return alike, shared / other
+    return alike, shared / told if told > 0.0 else 0.0
 
 
 def _split(segment: Segment, corner: float, between: float = 0.0) -> Array:
