@@ -207,7 +207,7 @@ def smoothed(keep, samples):
 
 @pytest.mark.parametrize('noisy', [0.0, 1.0])
 def test_exponential_smoothing_is_a_low_pass_and_no_early_clock(noisy):
-    """Of what was recorded, noise and all: it lets a seventh of that through at the most.
+    """Of what was recorded, noise and all: it lets a seventh of that through at half the rate.
 
     Next to half the rate it is no Butterworth, and half a sample earlier than one.
     """

@@ -308,7 +308,7 @@ def test_hum_has_a_phase_of_its_own_in_each_recording():
 
 
 def test_a_hum_that_a_closer_course_hides_in_noise_asks_for_none():
-    """A course up to 37 Hz lets no noise of 50 Hz through; one that is followed closer does."""
+    """A smooth course lets no noise of 50 Hz through; one that is followed closer does."""
 
     def hum(i, t, x, v):
         return 0.08 * np.sin(2 * np.pi * 50.01 * t + 2.1 * i)

@@ -31,7 +31,7 @@ from impactscope.discrepancy.driven.findings.residual_size import (
     more_than_noise,
 )
 from impactscope.discrepancy.driven.findings.subject import Subject
-from impactscope.discrepancy.driven.fits.innovations import innovations
+from impactscope.discrepancy.driven.fits.innovations import innovations, joined
 from impactscope.discrepancy.driven.fits.simulation_error import Fit, fit
 from impactscope.discrepancy.driven.model_selection.chi_square import (
     OWN,
@@ -337,15 +337,13 @@ def _seen_as_well(here: Case, there: Case, fits: tuple[Fit, Fit]) -> float:
     A closer course lets more of the motion's noise through, and a true effect is seen less, too.
     """
     changes = [a - b for a, b in zip(*(f.residuals for f in fits), strict=True)]
-    sizes = []
-    for case in (here, there):
-        rows = [
-            innovations(s, c)
-            for s, c in zip(case.segments, changes, strict=True)
-            if not s.held_out
-        ]
-        sizes.append(math.fsum(float(r @ r) for r in rows))
-    return min(1.0, sizes[1] / max(sizes[0], 1e-300))
+    fitted = [i for i, s in enumerate(here.segments) if not s.held_out]
+    columns = [
+        joined([case.segments[i] for i in fitted], [changes[i] for i in fitted])
+        for case in (here, there)
+    ]
+    before, after = (float(c @ c) for c in columns)
+    return min(1.0, after / max(before, 1e-300))
 
 
 def chain_answer(

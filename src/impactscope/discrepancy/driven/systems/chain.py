@@ -60,6 +60,7 @@ KNOWN = 0.3  # share of the input's noise that the output knows, if it passes th
 # and not a signal that is nowhere quiet
 NEARLY_ALL = 0.99
 LINES = 8  # of a band's spectrum that tell whether two channels go together
+JOINED = 1.5  # lines of a spectrum that a Hann window makes one of
 SURE = 5.0  # standard errors
 ALIKE = 1.3  # ratio of the noise in two recordings, at most
 WHITE = 1.05  # ratio of two levels that are the same
@@ -470,24 +471,29 @@ def _noise_passed(
             loud = np.abs(a[edges[k] : edges[k + 1]]) ** 2
             part = edges[k] + np.flatnonzero(loud < LINE * np.median(loud))  # no line of a signal
             into, out = a[part], b[part]
-            lines = (edges[k + 1] - edges[k]) / 1.5  # a window joins neighbours
             cross += float(np.real(np.vdot(into, out)))
             power += float(np.sum(np.abs(into) ** 2))
             other += float(np.sum(np.abs(out) ** 2))
-            count += lines
-            if into.size < LINES:
-                continue
-            # what passes is turned a little more from line to line
-            turning = np.stack([into, into * np.linspace(-1.0, 1.0, into.size)], axis=1)
-            along = turning @ np.linalg.lstsq(turning, out, rcond=None)[0]
-            by_chance = turning.shape[1] * float(np.mean(np.abs(out - along) ** 2)) * 1.5
-            shared += float(np.sum(np.abs(along) ** 2)) - by_chance
-            told += float(np.sum(np.abs(out) ** 2))
+            count += (edges[k + 1] - edges[k]) / JOINED
+            if into.size >= LINES:
+                shared += _going_with(into, out)
+                told += float(np.sum(np.abs(out) ** 2))
     if not power > 0.0 or not other > 0.0:
         return False, 0.0
     gain = cross / power
     alike = gain > KNOWN and gain > SURE * math.sqrt(other / power / (2.0 * count))
     return alike, shared / told if told > 0.0 else 0.0
+
+
+def _going_with(into: NDArray[np.complex128], out: NDArray[np.complex128]) -> float:
+    """Power of lines that go with those of an input, shape (n,), less what goes so by chance.
+
+    What passes is turned a little more from line to line.
+    """
+    turning = np.stack([into, into * np.linspace(-1.0, 1.0, into.size)], axis=1)
+    along = np.asarray(turning @ np.linalg.lstsq(turning, out, rcond=None)[0])
+    by_chance = turning.shape[1] * JOINED * float(np.mean(np.abs(out - along) ** 2))
+    return float(np.sum(np.abs(along) ** 2) - by_chance)
 
 
 def _split(segment: Segment, corner: float, between: float = 0.0) -> Array:
