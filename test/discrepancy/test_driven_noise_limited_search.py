@@ -11,6 +11,7 @@ from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven, noise_limited
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import UnmodelledLaw, equivalent_gain
+from impactscope.discrepancy.driven.findings.effect_and_law import leaves_noise
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.model_selection.chi_square import PRICE, NoiseJudge
 from impactscope.discrepancy.driven.models.model import Segment
@@ -257,8 +258,8 @@ def test_a_rival_is_asked_again_where_a_deeper_minimum_is_foretold_worse(
     assert {f.name for f in (found.best, *found.rivals)} == {'play', 'base'}
 
 
-@pytest.mark.parametrize('loud', [1.0, 1.08, 1.3])
-def test_noise_that_was_taken_for_too_loud_is_as_likely_as_if_it_had_been_known(loud):
+@pytest.mark.parametrize('loud', [0.9, 0.97, 1.0, 1.08, 1.3])
+def test_noise_that_was_taken_for_another_level_is_as_likely_as_if_it_had_been_known(loud):
     """Slow noise would win else: its level is judged by what is left."""
     count = 20_000
     left = 0.1 * np.random.default_rng(3).standard_normal(count)
@@ -283,6 +284,21 @@ def test_noise_that_was_taken_for_too_loud_is_as_likely_as_if_it_had_been_known(
     misfit = noise_limited._misfit(case, Outcome(bare, bare, (), believed=False), nothing)
     known = float(np.sum((left / 0.1) ** 2)) - count * math.log(loud**2)
     assert misfit == pytest.approx(known, abs=PRICE + 2.0)
+
+
+@pytest.mark.parametrize(('taken', 'noise'), [(1.0, True), (0.97, True), (0.9, False)])
+def test_what_a_law_leaves_is_noise_to_within_what_its_level_is_known(taken, noise):
+    """A level that is read from few parts of a spectrum errs by more than chi-square scatters."""
+    count = 20_000
+    left = np.random.default_rng(5).standard_normal(count)
+    law = UnmodelledLaw('a law', 300.0, 1, np.ones(count))
+    segment = SimpleNamespace(held_out=False, measured=left)
+    judge = SimpleNamespace(
+        segments=[segment],
+        sizes=(float(count),),
+        chi_squares=lambda _: (float(np.sum((left / taken) ** 2)) + 300.0,),
+    )
+    assert leaves_noise(SimpleNamespace(judge=judge), None, law) is noise
 
 
 @pytest.mark.parametrize(('stands', 'searches'), [(True, 1), (False, 2)])

@@ -7,7 +7,14 @@ import pytest
 
 from impactscope.discrepancy.campaign import CampaignRecording, ChannelSamples
 from impactscope.discrepancy.impact.data.binning import binned
-from impactscope.discrepancy.impact.data.blows import RETURN, _left_to_return, _stays_away
+from impactscope.discrepancy.impact.data.blows import (
+    CAUGHT,
+    RETURN,
+    _blow,
+    _left_to_return,
+)
+from impactscope.discrepancy.impact.models.bench_parameters import describe
+from impactscope.physics.twin.simulate import simulate
 
 RATE, ONSET, LENGTH = 2000.0, 0.2, 1.6
 NOISE = {'acceleration.impactor': 0.1, 'force': 0.2}
@@ -35,33 +42,65 @@ def pulse(at, height, width=0.004):
     return np.where(np.abs(SINCE - at) < width, height, 0.0)
 
 
-def test_a_free_swing_is_seen_to_the_end():
-    assert _stays_away(channels(), ONSET, NOISE)
-
-
-@pytest.mark.parametrize(
-    'changes',
-    [
-        {'acceleration_impactor': pulse(0.7, 3.0)},  # a hand
-        {'force': pulse(0.9, 8.0)},  # the bench is struck again
-        {'acceleration_impactor': np.where(SINCE > 0.5, np.nan, 0.0)},
-        {'force': np.where(SINCE > 1.0, np.nan, 0.0)},
-    ],
-)
-def test_what_is_caught_comes_back_or_is_not_known_is_not_followed(changes):
-    assert not _stays_away(channels(**changes), ONSET, NOISE)
-
-
-def test_without_its_own_accelerometer_nobody_knows():
-    made = channels()
-    del made['acceleration.impactor']
-    assert not _stays_away(made, ONSET, NOISE)
-
-
 def bench_alone(**changes):
     made = channels(**changes)
     del made['acceleration.impactor']
     return made
+
+
+STRUCK = pulse(0.9, 8.0)
+JOLTED = pulse(0.7, 3.0)
+LOST = np.where(SINCE > 0.5, np.nan, 0.0)
+
+
+@pytest.mark.parametrize(
+    ('made', 'bench_until', 'impactor_until', 'caught'),
+    [
+        (channels(), np.inf, np.inf, np.inf),  # a free swing is seen to the end
+        (channels(acceleration_impactor=JOLTED), np.inf, CAUGHT, RETURN),  # by a hand
+        (channels(acceleration_impactor=LOST), np.inf, CAUGHT, RETURN),
+        (channels(force=STRUCK), RETURN, CAUGHT, np.inf),
+        (channels(force=LOST), RETURN, CAUGHT, np.inf),
+        # a bench that rings alone tells as much whether its pendulum was caught or not
+        (bench_alone(), np.inf, None, RETURN),
+        (bench_alone(force=STRUCK), RETURN, None, np.inf),
+    ],
+)
+def test_a_bench_is_followed_as_long_as_nothing_comes_back(
+    made, bench_until, impactor_until, caught
+):
+    recording = CampaignRecording('r.mcap', 'pendulum', channels=made)
+    blow = _blow(recording, ONSET, NOISE, {}, True, [], np.inf)
+    ends = {
+        name: TIME[-1] if until == np.inf else ONSET + until
+        for name, until in (('force', bench_until), ('acceleration.impactor', impactor_until))
+        if until is not None
+    }
+    assert {n: c.time[-1] for n, c in blow.channels.items()} == pytest.approx(ends, abs=2 / RATE)
+    assert blow.caught == caught
+
+
+def test_a_pendulum_that_may_have_been_caught_does_not_come_back_in_a_simulation():
+    recording = CampaignRecording('r.mcap', 'pendulum', channels=bench_alone())
+    blow = _blow(recording, ONSET, NOISE, {}, True, [], np.inf)
+    numbers = {
+        'orientation': 1.0,
+        'sensor.stiffness': 69e3,
+        'sensor.moving_mass': 1.4,
+        'sensor.damping_ratio': 0.04,
+        'contact.stiffness': 1e6,
+        'contact.restitution': 0.5,
+        'pendulum.rod_mass': 0.7,
+        'pendulum.rod_length': 0.3,
+        'pendulum.contact_distance': 0.26,
+        'pendulum.moving_mass': 1.0,
+        'mass_distance': 0.1,
+        'angle': 20.0,
+    }
+    bench, struck = describe(numbers, blow, 0)
+    assert struck.catch_time == RETURN
+    away = simulate(bench, struck, duration=2.0)
+    assert all(c.end < RETURN for c in away.contacts)
 
 
 @pytest.mark.parametrize(

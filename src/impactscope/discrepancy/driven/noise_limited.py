@@ -47,7 +47,10 @@ from impactscope.discrepancy.driven.models.terms import Term
 from impactscope.discrepancy.driven.noise.spectral_whitening import counting_share
 from impactscope.discrepancy.driven.search.beam_search import Outcome
 from impactscope.discrepancy.driven.search.joint_fits import labels_of
-from impactscope.discrepancy.driven.search.noise_limited_search import noise_limited_search
+from impactscope.discrepancy.driven.search.noise_limited_search import (
+    from_those_left_behind,
+    noise_limited_search,
+)
 from impactscope.discrepancy.driven.search.other_minima import knowing_other_minima
 from impactscope.discrepancy.driven.search.screening import prospects, screened
 from impactscope.discrepancy.driven.systems.case import Case
@@ -515,7 +518,13 @@ def _searched(
         seed,
     )
     tell(0.9 * share, 'looking for what the library lacks')
-    return case, *effect_and_law(case, outcome, _held_against_laws(case, outcome))
+    said = _held_against_laws(case, outcome)
+    beside = said.left and not said.instead and outcome.best is not baseline
+    if beside and time_left('effects that were far behind the best'):
+        again = from_those_left_behind(case.model, outcome, case.judge)
+        if labels_of(again.best.terms) != labels_of(outcome.best.terms):
+            outcome, said = again, _held_against_laws(case, again)
+    return case, *effect_and_law(case, outcome, said)
 
 
 def _held_against_laws(case: Case, outcome: Outcome) -> Verdict:
@@ -577,12 +586,12 @@ def _misfit(case: Case, outcome: Outcome, said: Verdict) -> float:
 
 
 def _of_any_level(left: float, size: int) -> float:
-    """Chi-square where the noise may be quieter than it was taken for, with a price for that.
+    """Chi-square where the noise may be of another level than it was taken for, at a price.
 
     Noise is judged with what is missing in it: what explains that leaves less than was supposed.
+    And a level that is read from few parts of a spectrum may be too low.
     """
-    anew = size * (1.0 + math.log(left / size)) + PRICE
-    return min(left, anew) if left < size else left
+    return min(left, size * (1.0 + math.log(left / size)) + PRICE)
 
 
 def _terms_of(found: tuple[Case, Outcome, Verdict]) -> frozenset[str]:

@@ -50,7 +50,7 @@ from impactscope.discrepancy.driven.search.screening import (
 )
 from impactscope.discrepancy.time_limit import time_left
 
-__all__ = ['noise_limited_search']
+__all__ = ['from_those_left_behind', 'noise_limited_search']
 
 Array = NDArray[np.float64]
 Tell = Callable[[float], None]
@@ -58,6 +58,7 @@ Tell = Callable[[float], None]
 FITTED = 9  # candidates that are fitted at the first step; half as many later
 CLOSE = 60.0  # chi-square within which a second model is kept beside the best
 DEPTH = 3
+BEHIND = 3  # effects, from which the search is made once more
 NEAR = 14.0  # chi-square within which a rival is fitted as carefully as the best
 FAR = 10.0  # times the samples: chi-square from which a search goes on from what was found
 EDGE = 64  # samples at either end
@@ -117,6 +118,35 @@ def noise_limited_search(
             break
         close = [f for f in _distinct(grown) if judge.criterion(f, baseline) < level + CLOSE]
         beam = close[:2]
+    return _finished(fits, judge)
+
+
+def from_those_left_behind(model: Model, outcome: Outcome, judge: NoiseJudge) -> Outcome:
+    """The search once more, from effects that were far behind the best one alone.
+
+    An effect that makes up for two others stands before each of them, and with neither of them
+    beside it explains what both together do.
+    """
+    baseline, size = outcome.baseline, len(outcome.baseline.terms) + 1
+    known = (outcome.best, *outcome.rivals)
+    new = labels_of(outcome.best.terms) - labels_of(baseline.terms)
+    alone = [f for f in known if len(f.terms) == size and not labels_of(f.terms) >= new]
+    much = MUCH * judge.gain(baseline, outcome.best).fitted
+    able = [f for f in alone if judge.gain(baseline, f).fitted > much]
+    able.sort(key=lambda f: judge.criterion(f, baseline))
+    behind = _distinct(able)[:BEHIND]
+    if not behind:
+        return outcome
+    fits = Fits(model, judge.segments, baseline)
+    fits.known.update((labels_of(f.terms), f) for f in known)
+    for base in behind:
+        _grow(fits, base, judge, FITTED // 2)
+    return _finished(fits, judge)
+
+
+def _finished(fits: Fits, judge: NoiseJudge) -> Outcome:
+    """The best of all fits without what it can do without, each effect against its rivals."""
+    baseline = fits.baseline
     best = min(fits.known.values(), key=lambda f: judge.criterion(f, baseline))
     best = _pruned(fits, _each_from_other_starts(fits, best, judge), judge)
     best = _pruned(fits, spring_beside_stop(fits, best, judge), judge)

@@ -88,7 +88,8 @@ class BlowData:
 
     ``times``: rising, all moments at which the simulation is needed; ``where[channel]`` says
     which of them are the channel's nodes, shape (n_nodes,). ``settled``: moment from which the
-    bench moves of its own after a tap; the onset for any other blow.
+    bench moves of its own after a tap; the onset for any other blow. ``caught``: s after first
+    contact, from when on the impactor may be held and does not come back to the plate.
     """
 
     recording: CampaignRecording
@@ -97,6 +98,7 @@ class BlowData:
     times: Array
     where: Mapping[str, IntArray]
     settled: float  # s
+    caught: float = math.inf
 
     @property
     def name(self) -> str:
@@ -591,16 +593,22 @@ def _blow(
     notes: list[str],
     coarser: float,
 ) -> BlowData:
-    """A blow as it is compared; where ``doubtful`` a hand may have caught its pendulum."""
+    """A blow as it is compared; where ``doubtful`` a hand may have caught its pendulum.
+
+    Caught or not: where nothing on the bench rises again the bench is left to itself.
+    """
     channels = {}
-    alone = doubtful and _stays_away(recording.channels, onset, noise)
+    quiet = doubtful and not _comes_back(recording.channels, onset, noise)
+    alone = quiet and _swings_free(recording.channels, onset, noise)
     for name in CHANNELS:
         channel = recording.channels.get(name)
         if channel is None or name not in noise:
             continue
         last = LENGTH
-        if doubtful and not alone:  # nobody knows whether it would come back
-            last = CAUGHT if name == 'acceleration.impactor' else RETURN
+        if doubtful and not alone and name == 'acceleration.impactor':
+            last = CAUGHT
+        elif doubtful and not quiet:  # nobody knows whether it is the impactor that does that
+            last = RETURN
         coarse = name in ('force', 'acceleration.base')
         channels[name] = binned(
             channel,
@@ -609,7 +617,7 @@ def _blow(
             colours.get(name),
             coarse=coarse,
             hangs=recording.kind == 'tap' and _hangs(channel, onset),
-            ringing=min(coarser, RETURN if alone else math.inf),
+            ringing=min(coarser, RETURN if quiet else math.inf),
         )
         if math.isfinite(channels[name].clipped_at):
             notes.append(
@@ -626,16 +634,28 @@ def _blow(
             for name, c in channels.items()
         }
     times, where = merged({name: c.nodes for name, c in channels.items()})
-    return BlowData(recording, onset, channels, times, where, settled)
+    # one that is caught must not come back in a simulation either
+    caught = RETURN if quiet and not alone else math.inf
+    return BlowData(recording, onset, channels, times, where, settled, caught)
 
 
-def _stays_away(
+def _comes_back(
     channels: Mapping[str, ChannelSamples], onset: float, noise: Mapping[str, float]
 ) -> bool:
-    """Whether a pendulum on the horizontal bench is seen neither to be caught nor to come back.
+    """Whether anything on the bench rises again after it has rung down."""
+    return any(
+        _rises_again(channel, onset, noise[name])
+        for name, channel in channels.items()
+        if name in noise and name != 'acceleration.impactor'
+    )
 
-    Its own accelerometer has to say so: what swings free changes smoothly, a hand jolts it. And
-    nothing on the bench rises again after it has rung down.
+
+def _swings_free(
+    channels: Mapping[str, ChannelSamples], onset: float, noise: Mapping[str, float]
+) -> bool:
+    """Whether a pendulum on the horizontal bench is seen not to be caught.
+
+    Its own accelerometer has to say so: what swings free changes smoothly, a hand jolts it.
     """
     own = channels.get('acceleration.impactor')
     if own is None or 'acceleration.impactor' not in noise:
@@ -646,12 +666,7 @@ def _stays_away(
     course = np.polynomial.Polynomial.fit(np.arange(free.size), free, _SMOOTH)
     left = np.abs(free - course(np.arange(free.size)))
     sigma = noise['acceleration.impactor']
-    jolted = float(np.max(left)) > _JOLT * sigma or float(np.std(left)) > _LARGER * sigma
-    return not jolted and not any(
-        _rises_again(channel, onset, noise[name])
-        for name, channel in channels.items()
-        if name in noise and name != 'acceleration.impactor'
-    )
+    return float(np.max(left)) <= _JOLT * sigma and float(np.std(left)) <= _LARGER * sigma
 
 
 def _left_to_return(

@@ -147,5 +147,7 @@ def describe(values: Mapping[str, float], data: BlowData, i: int) -> tuple[Bench
             of(GRAVITY, STANDARD_GRAVITY),
         )
         large = of(LARGE_ANGLES, 0.0) > 0.0
-        return bench, PendulumBlow(pendulum, math.radians(of('angle')), large_angles=large)
+        return bench, PendulumBlow(
+            pendulum, math.radians(of('angle')), catch_time=data.caught, large_angles=large
+        )
     return bench, RobotBlow(of('impactor_mass'), of('speed'), push_force=0.0)
