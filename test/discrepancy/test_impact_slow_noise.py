@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from impactscope.discrepancy import time_limit
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact import explain as impact_explain
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
@@ -28,6 +29,7 @@ from impactscope.discrepancy.impact.fits.slow_noise import (
 )
 from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.discrepancy.impact.noise.coloured_noise import Colour
+from impactscope.discrepancy.time_limit import TimeLimit
 from impactscope.physics.twin.assembly import Effect
 
 WHITE = {'force': 0.4, 'acceleration.impactor': 0.08}
@@ -295,3 +297,33 @@ def test_an_offset_that_is_found_in_slow_noise_too_leaves_no_level_to_noise(
     assert searched == searched_in
     assert set(noise) == believed
     assert (outcome is whole) is (believed in (set(), {'impactor'}))
+
+
+@pytest.mark.parametrize(('over', 'searches'), [('before', 0), ('meanwhile', 1), ('never', 1)])
+def test_a_search_in_slower_noise_that_ran_out_of_time_hides_nothing(monkeypatch, over, searches):
+    """It was cut off before it found what the search before it had found."""
+    branch = SimpleNamespace(name='rate_dependent_damper', label='branch', channel='', cost=2)
+    data = SimpleNamespace(blows=[])
+    final = SimpleNamespace(reduced=1.0, layout=None, model=None)
+    whole = SimpleNamespace(accepted=[branch], found={}, final=final)
+    less = SimpleNamespace(accepted=[], final=final)
+    clock = [0.0]
+    searched = []
+
+    def again(*_):
+        searched.append(1)
+        clock[0] += 200.0 if over == 'meanwhile' else 0.0
+        return less
+
+    monkeypatch.setattr(impact_explain, 'noise_left', lambda _: {'force': None})
+    monkeypatch.setattr(impact_explain, 'prepare', lambda *_: data)
+    monkeypatch.setattr(impact_explain, '_searched', again)
+    monkeypatch.setattr(impact_explain, '_left', lambda *_: False)
+    monkeypatch.setattr(impact_explain, '_likelier', lambda *_: False)
+    monkeypatch.setattr(time_limit, 'TimeLimit', lambda s: TimeLimit(s, lambda: clock[0]))
+    with time_limit.time_limited(240.0) as limit:
+        clock[0] += 200.0 if over == 'before' else 0.0
+        _, outcome, _ = impact_explain._in_slower_noise(None, data, whole, None, None)
+    assert (outcome is whole) is (over != 'never')
+    assert len(searched) == searches
+    assert bool(limit.left_out) is (over != 'never')

@@ -79,6 +79,7 @@ _SEEN_MISSED = 1.21  # reduced chi-square of a prediction, from which it is told
 _FIRST_CONTACT = 0.012  # s after the onset
 _PRICE = 10.0  # chi-square that a further number must bring
 _SHOWN_BY_ONE = 'what one held-out recording alone shows'
+_SLOWER_NOISE = 'whether slower noise explains as much'
 _OTHER_WAYS = 'other ways to take the names of the baseline'
 _CERTAIN = 300.0  # of chi-square, that slow noise does not imitate unseen
 _FAR_BEHIND = 100.0  # of chi-square
@@ -125,12 +126,16 @@ def _in_slower_noise(
     if near and (unexplained or (explained and not _certain(outcome))):
         slower = noise_left(_without_slow(data, outcome))
     while slower:
+        if explained and not time_left(_SLOWER_NOISE):
+            break
         told = prepare(campaign, slower)
 
         def again(share: float, text: str) -> None:
             progress(0.9 + 0.05 * share, f'with slower noise: {text}')
 
         other = _searched(campaign, told, thresholds, again, outcome.final.model)
+        if explained and not time_left(_SLOWER_NOISE):
+            break  # it found what there was time for, and would hide what had been found before
         # less explains less: what is found beyond came with the other noise
         fewer = len(other.accepted) <= len(outcome.accepted)
         if explained and (not fewer or _likelier(outcome, other, slower)):
