@@ -124,8 +124,8 @@ def noise_limited_search(
 def from_those_left_behind(model: Model, outcome: Outcome, judge: NoiseJudge) -> Outcome:
     """The search once more, from effects that were far behind the best one alone.
 
-    An effect that makes up for two others stands before each of them, and with neither of them
-    beside it explains what both together do.
+    An effect that makes up for two others stands before each of them alone, and beside it neither
+    is worth anything.
     """
     baseline, size = outcome.baseline, len(outcome.baseline.terms) + 1
     known = (outcome.best, *outcome.rivals)
