@@ -295,7 +295,6 @@ def test_what_a_law_leaves_is_noise_to_within_what_its_level_is_known(taken, noi
     segment = SimpleNamespace(held_out=False, measured=left)
     judge = SimpleNamespace(
         segments=[segment],
-        sizes=(float(count),),
         chi_squares=lambda _: (float(np.sum((left / taken) ** 2)) + 300.0,),
     )
     assert leaves_noise(SimpleNamespace(judge=judge), None, law) is noise

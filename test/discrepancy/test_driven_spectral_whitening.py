@@ -8,6 +8,7 @@ import pytest
 from scipy import signal
 
 from impactscope.discrepancy.driven.data.measured_force import known_force
+from impactscope.discrepancy.driven.findings.effect_and_law import CHANCE, LEVEL
 from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.noise.coloured_noise import Colour
 from impactscope.discrepancy.driven.noise.spectral_whitening import (
@@ -18,6 +19,7 @@ from impactscope.discrepancy.driven.noise.spectral_whitening import (
     whitening,
 )
 from impactscope.discrepancy.driven.systems.chain_noise import ChainNoise, both_noises
+from impactscope.discrepancy.driven.systems.driven_mass_noise import _noise
 
 SAMPLES = 20_000
 
@@ -149,3 +151,19 @@ def test_white_noise_of_an_input_is_no_faint_signal_where_the_outputs_noise_is_s
     faint = np.abs(np.fft.rfft(made.drive[1] - made.drive[3])) ** 2 / SAMPLES
     assert np.mean(faint[SAMPLES // 4 :]) < 0.1 * into**2
     assert np.mean(np.abs(np.fft.rfft(made.drive[0])[10:300]) ** 2) > 1e3  # the signal is there
+
+
+@pytest.mark.parametrize('samples', [1500, 6000])
+def test_how_well_the_level_of_white_noise_is_told(samples):
+    """In standard deviations that chi-square has of two recordings by chance."""
+    rng = np.random.default_rng(8)
+    chance = math.sqrt(2.0 / (2 * samples))
+    off = []
+    for _ in range(150):
+        left = rng.standard_normal((2, samples))
+        place, level = levels(list(left))
+        nothing = np.zeros(place.size)
+        white, _, _ = _noise(place, level, nothing, nothing, 0.0, samples, 0.01, beside=False)
+        off.append((float(np.mean(left**2)) / white - 1.0) / chance)
+    assert np.std(off) == pytest.approx(math.hypot(1.0, LEVEL), rel=0.25)
+    assert np.mean(np.array(off) > CHANCE) < 0.02

@@ -134,12 +134,12 @@ def _in_slower_noise(
             progress(0.9 + 0.05 * share, f'with slower noise: {text}')
 
         other = _searched(campaign, told, thresholds, again, outcome.final.model)
-        if explained and not time_left(_SLOWER_NOISE):
-            break  # it found what there was time for, and would hide what had been found before
         # less explains less: what is found beyond came with the other noise
         fewer = len(other.accepted) <= len(outcome.accepted)
         if explained and (not fewer or _likelier(outcome, other, slower)):
             break
+        if explained and not time_left(_SLOWER_NOISE):
+            break  # cut off, it finds less than there is
         still = _slower_still(data, outcome, other, slower) if explained else slower
         if still.keys() == slower.keys():
             return told, other, slower

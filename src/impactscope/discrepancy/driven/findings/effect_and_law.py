@@ -25,9 +25,8 @@ from impactscope.discrepancy.driven.systems.case import Case
 __all__ = ['NOISE', 'effect_and_law', 'leaves_noise', 'plain_gain']
 
 NOISE = 4.0  # reduced chi-square of an answer up to which nothing else is tried
-# standard deviations of chi-square, up to which what is left is noise: the level of the noise,
-# read from few parts of a spectrum, has two and a half of them itself
-CHANCE = 3.0 * math.hypot(1.0, 2.5)
+LEVEL = 2.5  # standard deviations of chi-square, to which a spectrum's few parts tell its level
+CHANCE = 3.0 * math.hypot(1.0, LEVEL)  # the same, up to which what is left is noise
 TOGETHER = 20.0  # chi-square by which an effect and a law are better than a law alone
 WITH_A_LAW = 3  # effects, of those with the best criterion, beside which a law is looked for
 

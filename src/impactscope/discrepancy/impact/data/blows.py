@@ -598,7 +598,7 @@ def _blow(
     Caught or not: where nothing on the bench rises again the bench is left to itself.
     """
     channels = {}
-    quiet = doubtful and not _comes_back(recording.channels, onset, noise)
+    quiet = doubtful and not _may_come_back(recording.channels, onset, noise)
     alone = quiet and _swings_free(recording.channels, onset, noise)
     for name in CHANNELS:
         channel = recording.channels.get(name)
@@ -639,10 +639,10 @@ def _blow(
     return BlowData(recording, onset, channels, times, where, settled, caught)
 
 
-def _comes_back(
+def _may_come_back(
     channels: Mapping[str, ChannelSamples], onset: float, noise: Mapping[str, float]
 ) -> bool:
-    """Whether anything on the bench rises again after it has rung down."""
+    """Whether anything on the bench rises again after it has rung down, or nobody knows."""
     return any(
         _rises_again(channel, onset, noise[name])
         for name, channel in channels.items()
