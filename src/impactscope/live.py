@@ -27,7 +27,7 @@ from impactscope.records import (
 
 __all__ = ['DemoStep', 'demo_steps', 'replay_recording', 'run_live']
 
-START_DELAY = 0.5  # s from now: both drivers begin together
+START_DELAY = 0.5  # s
 
 
 def _nothing(_: Any) -> None:
@@ -74,13 +74,11 @@ def replay_recording(
         provenance = what.provenance
     written = tuple(f'{i.kind} {i.topic} {i.axis} {i.channel}' for i in found)
     channels = settings.synchroniser.channels
-    start_at = time.time() + START_DELAY
     common = {
         'source': 'replay',
         'replay.bag': str(path),
         'replay.rate': float(rate),
         'replay.inputs': written or ('',),
-        'start_at': start_at,
         'wait_for_subscribers': ('synced', 'events'),
     }
     drivers: dict[str, dict[str, Any]] = {}
@@ -101,6 +99,7 @@ def replay_recording(
         record_to=record_to,
         serve_test_points=False,
         use_sim_time=True,
+        start_delay=START_DELAY,
     )
     with _until_signal() as ended, Bench(options, on_result) as bench:
         if test_point is not None:
@@ -146,7 +145,6 @@ def run_live(
 
         simulated_items(campaign, seed=seed)  # before the bench starts: both devices share it
         common |= {
-            'start_at': time.time() + START_DELAY,
             'source': 'simulated',
             'simulated.campaign': campaign,
             'simulated.seed': seed,
@@ -163,6 +161,7 @@ def run_live(
         stages=stages,
         record_to=record_to,
         serve_test_points=not campaign,
+        start_delay=START_DELAY if campaign else None,
     )
     deadline = time.monotonic() + duration
     with _until_signal() as ended, Bench(options, on_result, on_test_point) as bench:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import time
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from impactscope.drivers.simulated import write_simulation
 from impactscope.errors import ConfigurationError, MissingChannelError
 from impactscope.inputs import scan_channels
 from impactscope.live import replay_recording, run_live
-from impactscope.recordings import open_recording
-from impactscope.records import Verdict
+from impactscope.nodes.graph import Bench
+from impactscope.recordings import open_recording, read_streams
+from impactscope.records import SampleBlock, Verdict
 
 pytestmark = pytest.mark.ros
 
@@ -120,6 +122,27 @@ def test_the_simulated_bench_live(tmp_path):
     for ours, theirs in zip(result.events, analyse(on_file).events, strict=True):
         peak, expected = ours.impact.peak_force.value, theirs.impact.peak_force.value
         assert peak == pytest.approx(expected, rel=1e-3)
+
+
+def test_data_begin_once_the_stages_are_up(monkeypatch, tmp_path):
+    """What is past by then comes in one burst: all of one device's before the other's."""
+    build, up_at = Bench._build, []
+
+    def slowly(bench):
+        build(bench)
+        time.sleep(1.0)
+        up_at.append(time.time_ns())
+
+    monkeypatch.setattr(Bench, '_build', slowly)
+    target = tmp_path / 'live.mcap'
+    run_live(campaign='hand_pass', duration=4.0, record_to=target)
+    with open_recording(target) as recording:
+        begin = {}
+        for item in read_streams(recording):
+            if isinstance(item, SampleBlock):
+                begin.setdefault(item.channel, item.stamp_ns)
+    assert len(begin) == 4
+    assert all(stamp > up_at[0] for stamp in begin.values())
 
 
 def test_two_benches_side_by_side(tmp_path):

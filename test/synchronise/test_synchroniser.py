@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from impactscope.errors import ConfigurationError
 from impactscope.records import Quality, SampleBlock, SyncedBlock
+from impactscope.synchronise import quality_notes
 from impactscope.synchronise.synchroniser import Synchroniser, SynchroniserSettings
 
 START = 1_700_000_000_000_000_000
@@ -327,6 +328,8 @@ def test_a_channel_that_lags_is_missing_and_does_not_stop_the_others():
     assert np.array_equal(np.isnan(values[1]), np.arange(values.shape[1]) >= 1000)
     assert Quality.MISSING in quality(out, 1)
     assert synchroniser.statistics['b'].missing == values.shape[1] - 1000
+    assert synchroniser.statistics['b'].not_waited_for == values.shape[1] - 1000
+    assert any('longest_wait' in note for note in quality_notes(synchroniser.statistics))
     assert synchroniser.statistics['b'].lag_s == pytest.approx(5.0)
 
 

@@ -39,6 +39,9 @@ class BenchOptions:
     """What runs, and with which parameters.
 
     ``drivers`` and ``stages`` map a node's name to parameters that go over the parameter file's.
+    With ``start_delay`` the data of all drivers begin together, that many seconds after the
+    stages are up: a host that is slow to start them would get what is past by then in one burst,
+    one device's before the other's.
     """
 
     namespace: str = 'bench'
@@ -48,6 +51,7 @@ class BenchOptions:
     record_to: Path | None = None
     serve_test_points: bool = True
     use_sim_time: bool = False
+    start_delay: float | None = None
 
 
 _DRIVERS = {'force_driver': ForceDriver, 'accelerometer_driver': AccelerometerDriver}
@@ -104,8 +108,10 @@ class Bench:
         self._spinner = Spinner(self.nodes)
         self._spinner.__enter__()
         # The drivers come last: whoever listens is there before the first block.
+        delay = options.start_delay
+        start = {} if delay is None else {'start_at': time.time() + delay}
         for name, parameters in options.drivers.items():
-            driver = _DRIVERS[name](**self._keywords(parameters))
+            driver = _DRIVERS[name](**self._keywords(start | dict(parameters)))
             self.drivers.append(driver)
             self._spinner.add_first(driver)
         return self

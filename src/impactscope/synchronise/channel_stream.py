@@ -59,6 +59,7 @@ class _Counts:
     late: int = 0
     out_of_order: int = 0
     missing: int = 0
+    not_waited_for: int = 0
     clock_jumps: int = 0
     restarts: int = 0
     refused: int = 0

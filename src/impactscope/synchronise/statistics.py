@@ -19,6 +19,7 @@ class ChannelStatistics:
     late: int = 0  # blocks with samples that came after their place was closed; dropped
     out_of_order: int = 0  # blocks that came after a later one and were put in their place
     missing: int = 0  # grid samples without data of this channel
+    not_waited_for: int = 0  # of these, those it was too late for: it lagged by longest_wait
     clock_jumps: int = 0
     restarts: int = 0  # activations of the device after the first
     refused: int = 0  # blocks that contradict their channel

@@ -274,7 +274,11 @@ class Synchroniser:
         limit = min(covered)
         if limit < min(index + least, stop):
             limit = index
-        limit = max(limit, min(self._overdue(), end))
+        waited = min(self._overdue(), end)
+        if waited > limit:
+            for view, last in zip(self._views, covered, strict=True):
+                view.stream.counts.not_waited_for += max(0, waited - max(last, limit))
+            limit = waited
         enough = min(limit + least, stop)
         lacking = [v.stream for v, c in zip(self._views, covered, strict=True) if c < enough]
         # Whichever came last will most often come last again.
