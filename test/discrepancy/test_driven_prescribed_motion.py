@@ -10,7 +10,9 @@ from scipy import signal
 
 from impactscope.discrepancy.driven.data.recordings import Cut
 from impactscope.discrepancy.driven.fits.simulation_error import fit
+from impactscope.discrepancy.driven.model_selection.model_comparison import Judge
 from impactscope.discrepancy.driven.models.equation_of_motion import yielded
+from impactscope.discrepancy.driven.search.beam_search import search
 from impactscope.discrepancy.driven.systems.prescribed_motion import (
     force_counts_against,
     linear_prescribed,
@@ -99,6 +101,40 @@ def test_friction_that_turns_round_over_a_speed():
     assert made.values['coulomb_friction/turning_speed.force'] == pytest.approx(40.0, rel=0.03)
     speed = made.values['coulomb_friction/turning_speed.turning_speed']
     assert speed == pytest.approx(0.01, rel=0.1)
+
+
+def crept(v, travel, speed):
+    """Share of such a friction that acts at each sample, by short steps."""
+    held, h, steps = [], 0.0, 40
+    for i, u in enumerate(np.interp(np.arange(steps * v.size) / steps, np.arange(v.size), v)):
+        if i % steps == 0:
+            held.append(h)
+        level = math.tanh(max(abs(u), 1e-12) / speed)
+        h += (u - h * abs(u) / level) / travel / (steps * RATE)
+    return np.array(held)
+
+
+def test_friction_that_builds_up_over_a_travel_towards_what_the_speed_has():
+    _, x, v = swing()
+    travel, speed = 8e-4, 0.015
+    force = 500.0 * x + 20.0 * v + 40.0 * crept(v, travel, speed)
+    made = fitted([device(x, force)], 'coulomb_friction/creeping')
+    assert made.values['coulomb_friction/creeping.force'] == pytest.approx(40.0, rel=0.03)
+    assert made.values['coulomb_friction/creeping.presliding'] == pytest.approx(travel, rel=0.1)
+    assert made.values['coulomb_friction/creeping.turning_speed'] == pytest.approx(speed, rel=0.1)
+
+
+def test_a_law_of_three_numbers_leaves_room_for_a_constant():
+    rng = np.random.default_rng(5)
+    parts = []
+    for amplitude, held_out in ((0.01, False), (0.006, False), (0.008, True)):
+        _, x, v = swing(amplitude)
+        force = 20.0 * v + 40.0 * crept(v, 8e-4, 0.015) + 9.0 + rng.normal(0.0, 0.3, x.size)
+        parts.append(device(x, force, held_out=held_out))
+    model, segments, linear = linear_prescribed(parts)
+    found = search(model, linear, segments, Judge(segments, len({t.name for t in model.terms})))
+    assert {t.label for t in found.best.terms} == {'coulomb_friction/creeping', 'offset'}
+    assert found.best.values['offset.value'] == pytest.approx(9.0, abs=0.5)
 
 
 def test_friction_that_falls_with_the_speed():

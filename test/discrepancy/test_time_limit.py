@@ -9,7 +9,7 @@ import pytest
 
 from impactscope.discrepancy import explain as explaining
 from impactscope.discrepancy.explain import explain
-from impactscope.discrepancy.time_limit import TimeLimit, time_left, time_limited
+from impactscope.discrepancy.time_limit import TimeLimit, share_of_time, time_left, time_limited
 from impactscope.physics.twin.assembly import Effect
 
 
@@ -36,6 +36,31 @@ def test_steps_are_made_until_the_time_is_over_and_then_noted_once():
     (told,) = limit.told
     assert 'within about 100 s' in told
     assert 'pairs, relatives.' in told
+
+
+def test_a_search_of_two_leaves_the_other_its_share_of_the_time():
+    clock = Clock()
+    limit = TimeLimit(100.0, clock)
+    clock.now += 10.0
+    part = limit.part(0.5)  # of the 60 s that are left
+    clock.now += 29.0
+    assert part.time_left('pairs')
+    clock.now += 2.0
+    assert not part.time_left('pairs')
+    assert limit.time_left('the other')
+    assert 'Left out: pairs.' in limit.told[0]
+    clock.now += 40.0
+    assert not limit.part(0.5).time_left('relatives')
+
+
+def test_a_share_holds_within_its_context_alone():
+    with share_of_time(0.5):
+        assert time_left('pairs')  # no limit has no shares
+    with time_limited(1e6) as limit:
+        with share_of_time(0.0):
+            assert not time_left('pairs')
+        assert time_left('pairs')
+    assert list(limit.left_out) == ['pairs']
 
 
 @pytest.mark.parametrize('seconds', [math.inf, 1e9])

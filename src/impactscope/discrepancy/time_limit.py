@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-__all__ = ['WITHIN_S', 'TimeLimit', 'time_left', 'time_limited']
+__all__ = ['WITHIN_S', 'TimeLimit', 'share_of_time', 'time_left', 'time_limited']
 
 WITHIN_S = 240.0
 """Time in which an answer is wanted where nobody says otherwise, s."""
@@ -44,6 +44,13 @@ class TimeLimit:
         self.left_out[step] = None
         return False
 
+    def part(self, share: float) -> TimeLimit:
+        """A share, 0 to 1, of the time that is left now; what it leaves out is left out here."""
+        now = self.clock()
+        part = TimeLimit(self.seconds, self.clock, self.left_out)
+        part._end = now + share * max(self._end - now, 0.0)
+        return part
+
     @property
     def told(self) -> tuple[str, ...]:
         """What was left out, in a sentence; none where nothing was."""
@@ -67,6 +74,17 @@ def time_limited(seconds: float) -> Iterator[TimeLimit]:
     token = _current.set(limit)
     try:
         yield limit
+    finally:
+        _current.reset(token)
+
+
+@contextlib.contextmanager
+def share_of_time(share: float) -> Iterator[None]:
+    """Within this context :func:`time_left` goes by a share of the time that is left now."""
+    limit = _current.get()
+    token = _current.set(limit and limit.part(share))
+    try:
+        yield
     finally:
         _current.reset(token)
 

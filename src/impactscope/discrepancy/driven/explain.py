@@ -66,12 +66,13 @@ from impactscope.discrepancy.driven.systems.prescribed_motion import (
     PrescribedModel,
     one_speed_told,
 )
-from impactscope.discrepancy.time_limit import time_left
+from impactscope.discrepancy.time_limit import share_of_time, time_left
 
 __all__ = ['explain_driven']
 
 GLANCE = Effort(depth=1, tried=3, beam=1)
 COARSE = 0.01  # of the output's power: more is searched for what is plain before the noise is read
+OF_BOTH = 0.5  # of the time, for the first of two searches where the second may well be needed
 MODAL = 0.3  # share of the baseline's residual below which more modes explain most of it
 MOST_HOLLOW = 10_000  # fitted samples that are searched to the noise although nothing is explained
 MOST_TO_THE_NOISE = 120_000  # samples of a sprung mass; more take minutes and have told already
@@ -120,13 +121,15 @@ def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress
         notes += one_speed_told(segments)
     answer: Answer | None = None
     sure = False
-    coarse = campaign.kind is CampaignKind.DRIVEN and _coarse(linear, segments)
+    recorded = campaign.kind in {CampaignKind.DRIVEN, CampaignKind.PRESCRIBED_MOTION}
+    coarse = recorded and _coarse(linear, segments)
     if campaign.kind is CampaignKind.DRIVEN:
         answer, sure = plate_answer(campaign, begun, tell)
         if answer is None and not coarse:
             answer, sure = mass_answer(campaign, begun, tell)
     elif campaign.kind is CampaignKind.PRESCRIBED_MOTION:
-        answer, sure = motion_answer(campaign, parts, notes, tell)
+        with share_of_time(OF_BOTH if coarse else 1.0):
+            answer, sure = motion_answer(campaign, parts, notes, tell)
     elif isinstance(model, ChainModel):
         answer, sure = chain_answer(campaign, model, segments, linear, notes, tell)
     if leaves_most_as_noise(answer):

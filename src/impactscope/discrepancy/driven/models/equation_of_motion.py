@@ -582,6 +582,28 @@ def slider_force(
 
 
 @compiled
+def creeping_friction(
+    v: Array, period: float, travel: float, speed: float, h: float, out: Array
+) -> None:
+    """Share of a dry friction that acts at each sample, shape (n,); fills ``out``.
+
+    dh/dt = (v - |v| h / tanh(|v| / speed)) / travel: after a reversal friction builds up over a
+    travel (Dahl, 1968), towards a level that goes with the speed (Canudas de Wit et al., 1995),
+    here tanh(|v| / speed). At rest it creeps away. Exact where the speed is constant in a period.
+
+    ``h``: the share that acts at the first sample, from -1 to 1.
+    """
+    v, out = borrowed(v), borrowed(out)
+    out[0] = h
+    for i in range(1, v.size):
+        moves = 0.5 * (v[i - 1] + v[i])
+        level = math.tanh(moves / speed)
+        rate = moves / level if abs(level) > 1e-9 else speed
+        h = level + (h - level) * math.exp(-min(rate / travel * period, 700.0))
+        out[i] = h
+
+
+@compiled
 def smooth_force(p: Array, x: Array, v: Array, a: Array, out: Array) -> None:
     """Force of mass, dampers, springs and the yielding element, shape (n,); fills ``out``."""
     p, x, v, a, out = borrowed(p), borrowed(x), borrowed(v), borrowed(a), borrowed(out)

@@ -34,7 +34,7 @@ __all__ = ['MOST_NUMBERS', 'Effort', 'Outcome', 'prospects', 'prune', 'search']
 Array = NDArray[np.float64]
 Start = Callable[[Sequence[Number], Sequence[Term], Sequence[Segment]], Mapping[str, float]]
 
-MOST_NUMBERS = 3  # that may be added to the baseline
+MOST_NUMBERS = 3  # that may be added to the baseline; one more beside a law of as many
 TIE = 2.0  # difference of two criteria that means nothing
 ALL_NOISE = 0.9  # of a residual's power
 BRIEF = 20  # evaluations after which it is seen which of two starts is better
@@ -221,7 +221,7 @@ def search(
             break
         grown: list[Fit] = []
         for base in beam:
-            room = effort.numbers - base.added + baseline.added
+            room = _room(base, baseline, effort)
             candidates = [
                 t
                 for t in model.terms
@@ -239,8 +239,9 @@ def search(
         for f in grown:
             judge.weights(f)
         grown.sort(key=lambda f: judge.criterion(f, baseline))
-        room = effort.numbers + baseline.added
-        others = [fits.make(f, t, v) for f in grown[:1] for t, v in _siblings(model, f, room)]
+        others = [
+            fits.make(f, t, v) for f in grown[:1] for t, v in _siblings(model, f, baseline, effort)
+        ]
         for f in others:
             judge.weights(f)
         grown = list({id(f): f for f in [*grown, *others]}.values())
@@ -351,8 +352,18 @@ def _lopsided(made: Fit) -> int:
     return sum(t.name.startswith('asymmetric_') for t in made.terms)
 
 
+def _room(made: Fit, baseline: Fit, effort: Effort) -> int:
+    """Numbers that may still be added: a law of many numbers leaves room for a constant."""
+    return effort.numbers + _more(made.terms, baseline, effort) - made.added + baseline.added
+
+
+def _more(terms: Sequence[Term], baseline: Fit, effort: Effort) -> int:
+    given = _labels(baseline.terms)
+    return int(any(len(t.numbers) >= effort.numbers for t in terms if t.label not in given))
+
+
 def _siblings(
-    model: Model, made: Fit, room: int
+    model: Model, made: Fit, baseline: Fit, effort: Effort
 ) -> list[tuple[tuple[Term, ...], dict[str, float]]]:
     """The same effects in their other forms, with the values that these share."""
     found = []
@@ -361,10 +372,12 @@ def _siblings(
             if new.name != old.name or new.label == old.label:
                 continue
             terms = tuple(new if t is old else t for t in made.terms)
+            room = effort.numbers + _more(terms, baseline, effort) + baseline.added
             if sum(len(t.numbers) for t in terms) > room:
                 continue
             had = {n.name: made.values[key(old, n)] for n in old.numbers}
-            values = {key(new, n): had.get(n.name, 0.0) for n in new.numbers}
+            none = {n.name: 0.0 if n.lower <= 0.0 else n.starts[0] for n in new.numbers}
+            values = {key(new, n): had.get(n.name, none[n.name]) for n in new.numbers}
             found.append((terms, values))
     return found
 

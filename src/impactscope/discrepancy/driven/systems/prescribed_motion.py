@@ -3,8 +3,8 @@
 Dry friction may act beside the spring or in series with it: then the spring carries what the
 slider holds, and after a reversal the force comes back over the slider's free travel. Play in
 series with the slider leaves a stretch without force between (lost motion). Beside the spring it
-turns round at once, or over a travel (presliding) or a speed of its own, as magnetorheological
-dampers do, and it may fall with the speed.
+turns round at once, or over a travel (presliding), a speed of its own, or both as in
+magnetorheological dampers, and it may fall with the speed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,11 @@ from scipy import signal
 from impactscope.discrepancy.driven.data.recordings import Cut, derivative_of
 from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit
 from impactscope.discrepancy.driven.models import parameter_layout as at
-from impactscope.discrepancy.driven.models.equation_of_motion import slider_force, smooth_force
+from impactscope.discrepancy.driven.models.equation_of_motion import (
+    creeping_friction,
+    slider_force,
+    smooth_force,
+)
 from impactscope.discrepancy.driven.models.measuring_chain import begins_in_motion
 from impactscope.discrepancy.driven.models.mechanical_effects import Sizes, enter, mechanical_terms
 from impactscope.discrepancy.driven.models.model import Segment
@@ -102,12 +106,17 @@ class PrescribedModel:
             p[at.STIFFNESS] = 0.0
         out = np.empty(x.size)
         smooth_force(p, x, v, a, out)
+        slip, own = float(start[0]), _number_of('presliding', values, terms)
+        if turning > 0.0 and own > 0.0:
+            held = np.empty(x.size)
+            acts = min(max(-slip / own, -1.0), 1.0)
+            creeping_friction(v, segment.period, own, turning, acts, held)
+            out += np.where(held > 0.0, forward, backward) * held
+            return out
         if not rubs:
             if turning > 0.0:
                 out += np.where(v > 0.0, forward, backward) * np.tanh(v / turning)
             return out
-        slip = float(start[0])
-        own = _number_of('presliding', values, terms)
         travel = own if own > 0.0 else RIGID * self.position_scale
         if any(t.name == 'stribeck_friction' for t in terms):
             held = np.zeros(x.size)
@@ -333,32 +342,26 @@ def _strong(number: Number, sizes: Sizes) -> Number:
 
 
 def _gradual(term: Term, sizes: Sizes) -> list[Term]:
-    """Friction that turns round over a travel or a speed of its own."""
+    """Friction that turns round over a travel or a speed of its own, or over both."""
+    travel = _turns_within('presliding', sizes.position_unit, sizes.position)
+    speed = _turns_within('turning_speed', f'{sizes.position_unit}/s', sizes.speed)
     forms = (
-        (
-            'presliding',
-            sizes.position_unit,
-            sizes.position,
-            'after a reversal it builds up over x_t',
-        ),
-        ('turning_speed', f'{sizes.position_unit}/s', sizes.speed, 'F tanh(v / v_t)'),
+        ('presliding', (travel,), 'after a reversal it builds up over x_t'),
+        ('turning_speed', (speed,), 'F tanh(v / v_t)'),
+        ('creeping', (travel, speed), 'it builds up over x_t towards F tanh(v / v_t)'),
     )
     return [
         dataclasses.replace(
             term,
             variant=name,
             equation=f'{term.equation}; {law}',
-            numbers=(
-                *term.numbers,
-                Number(
-                    name,
-                    unit,
-                    (0.05 * size, 0.2 * size, 0.002 * size),
-                    0.002 * size,
-                    LEAST * size,
-                    0.5 * size,
-                ),
-            ),
+            numbers=(*term.numbers, *within),
         )
-        for name, unit, size, law in forms
+        for name, within, law in forms
     ]
+
+
+def _turns_within(name: str, unit: str, size: float) -> Number:
+    """A travel or a speed in which friction turns round; ``size``: the largest of the motion."""
+    starts = (0.05 * size, 0.2 * size, 0.002 * size)
+    return Number(name, unit, starts, 0.002 * size, LEAST * size, 0.5 * size)
