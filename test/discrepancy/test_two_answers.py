@@ -6,7 +6,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from impactscope.discrepancy.driven.explain import _leaves_far_less, _leaves_more
+from impactscope.discrepancy.driven.explain import (
+    _explains_less,
+    _leaves_far_less,
+    _leaves_more,
+    _may_err,
+)
+from impactscope.discrepancy.driven.noise_limited import SLOW_NOISE
 from impactscope.discrepancy.impact.explain import _far_behind
 
 
@@ -44,6 +50,37 @@ def test_an_answer_leaves_far_less_where_it_names_something_and_leaves_half_the_
 )
 def test_an_answer_that_names_something_and_leaves_more_throughout_gives_way(one, more):
     assert _leaves_more(one, OTHER) is more
+
+
+@pytest.mark.parametrize(
+    ('names', 'left', 'others', 'less'),
+    [
+        (('friction', 'unknown'), (1.5, 1.02), ('friction',), True),
+        (('friction', 'unknown'), (1.05, 1.05), ('friction',), False),  # not clearly
+        (('friction', 'unknown'), (1.5, 0.98), ('friction',), False),  # it predicts better
+        (('friction',), (1.5, 1.5), ('friction', 'offset'), False),  # by what the other has more
+        (('friction', 'unknown'), (1.5, 1.5), ('unknown',), False),  # the other names nothing
+    ],
+)
+def test_an_answer_beside_slow_noise_gives_way_to_one_that_says_no_more_and_leaves_less(
+    names, left, others, less
+):
+    one = answer({'force': left[0]}, {'force': left[1]}, names)
+    assert _explains_less(one, answer({'force': 1.0}, {'force': 1.0}, others)) is less
+
+
+@pytest.mark.parametrize(
+    ('names', 'notes', 'may'),
+    [
+        (('friction', 'unknown'), (), True),
+        (('friction',), (SLOW_NOISE,), True),
+        (('friction',), (), False),
+        (('unknown',), (SLOW_NOISE,), False),  # nothing is claimed
+        ((), (SLOW_NOISE,), False),
+    ],
+)
+def test_what_is_left_to_noise_may_be_an_error_of_the_model(names, notes, may):
+    assert _may_err(SimpleNamespace(accepted=names, notes=notes)) is may
 
 
 def baseline(chi_square, size=1000, reduced=1.2, whole=1000):

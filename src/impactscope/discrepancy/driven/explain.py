@@ -29,6 +29,7 @@ from impactscope.discrepancy.driven.models.oscillator_model import OscillatorMod
 from impactscope.discrepancy.driven.models.structure_model import StructureModel
 from impactscope.discrepancy.driven.models.terms import Term
 from impactscope.discrepancy.driven.noise_limited import (
+    SLOW_NOISE,
     Progress,
     chain_answer,
     mass_answer,
@@ -136,6 +137,8 @@ def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress
         answer, sure = None, False
     elif explains_nothing(answer):
         sure = False
+    doubted = sure and _may_err(answer) and coarse and isinstance(model, PrescribedModel)
+    sure = sure and not doubted
     unknown = answer is not None and answer.accepted == ('unknown',)
     if answer is not None and sure and not (unknown and _modal(campaign, parts)):
         return answer
@@ -216,6 +219,8 @@ def _searched(campaign: Campaign, begun: Start, notes: list[str], tell: Progress
     described = describe(subject)
     if period is not None and described.accepted == ('unknown',):
         return _rippled(described, period, segments[0].unit)
+    if doubted and answer is not None:
+        return described if _explains_less(answer, described) else answer
     if answer is None or _leaves_more(answer, described):
         return described
     better = _leaves_far_less(answer, described) or (
@@ -255,6 +260,24 @@ def _leaves_far_less(one: Answer, other: Answer) -> bool:
     """Whether what one answer found leaves less than half the power of the other's, throughout."""
     left = _left_by(one, other)
     return bool(left) and all(2.0 * mine**2 < others**2 for mine, others in left)
+
+
+def _may_err(answer: Answer | None) -> bool:
+    """Whether what an answer leaves to noise may be an error of its model.
+
+    It has something unknown beside its findings, or noise that is slow.
+    """
+    if answer is None or not set(answer.accepted) - {'unknown'}:
+        return False
+    return 'unknown' in answer.accepted or SLOW_NOISE in answer.notes
+
+
+def _explains_less(one: Answer, other: Answer) -> bool:
+    """Whether one answer leaves more than another that names no more, and somewhere clearly."""
+    if not set(other.accepted) - {'unknown'} or len(other.accepted) > len(one.accepted):
+        return False
+    clearly = any(mine > CLEARLY_MORE * others for mine, others in _left_by(one, other))
+    return clearly and _leaves_more(one, other)
 
 
 def _leaves_more(one: Answer, other: Answer) -> bool:

@@ -78,7 +78,14 @@ from impactscope.discrepancy.driven.systems.slow_noise import (
 )
 from impactscope.discrepancy.time_limit import time_left
 
-__all__ = ['Progress', 'chain_answer', 'mass_answer', 'motion_answer', 'plate_answer']
+__all__ = [
+    'SLOW_NOISE',
+    'Progress',
+    'chain_answer',
+    'mass_answer',
+    'motion_answer',
+    'plate_answer',
+]
 
 Progress = Callable[[float, str], None]
 
