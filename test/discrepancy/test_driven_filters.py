@@ -2,13 +2,18 @@
 
 import numpy as np
 import pytest
-from scipy import signal
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import signal, stats
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.models.channel_effects import channel_terms
 from impactscope.discrepancy.driven.models.measuring_chain import (
+    OUTER,
+    _mean_of_middle,
     passed_on,
     power_passed,
     power_retimed,
@@ -156,6 +161,11 @@ def test_a_course_that_is_off_at_its_end_makes_no_level_before_it():
     for samples in (wave, off):
         found = passed_on(samples, {term.name: term}, values, 1.0 / RATE, 0.0)
         assert np.max(np.abs(found[6:] - wave[6:])) < 1e-4
+
+
+@given(arrays(np.float64, st.integers(8, 60), elements=st.floats(-1e3, 1e3)))
+def test_the_mean_of_the_middle_is_that_of_scipy(samples):
+    assert _mean_of_middle(samples) == stats.trim_mean(samples, OUTER)
 
 
 @pytest.mark.parametrize('both', [False, True])  # forwards, and backwards, too

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal, stats
+from scipy import signal
 from scipy.interpolate import BSpline, CubicSpline
 
 from impactscope.discrepancy.driven.models.terms import Term
@@ -156,9 +156,16 @@ def _before(samples: Array) -> float:
     those in the middle count.
     """
     if not begins_in_motion(samples):
-        return float(stats.trim_mean(_first(samples), OUTER))
+        return _mean_of_middle(_first(samples))
     level = float(np.mean(samples))
     return level if abs(level) > LOADED * float(np.std(samples)) else 0.0
+
+
+def _mean_of_middle(samples: Array) -> float:
+    """Mean without the smallest and the largest; SciPy's takes a millisecond for it."""
+    cut = int(OUTER * samples.size)
+    ordered = np.partition(samples, (cut, samples.size - cut - 1))
+    return float(np.mean(ordered[cut : samples.size - cut]))
 
 
 @functools.lru_cache(maxsize=256)
@@ -168,6 +175,12 @@ def _low_pass(order: int, cutoff: float, rate: float, *, smooth: bool = False) -
         keep = math.exp(-2.0 * math.pi * cutoff / rate)
         return np.array([[1.0 - keep, 0.0, 0.0, 1.0, -keep, 0.0]])
     return np.asarray(signal.butter(order, cutoff, fs=rate, output='sos'))
+
+
+@functools.lru_cache(maxsize=256)
+def _at_one(order: int, cutoff: float, rate: float, *, smooth: bool = False) -> Array:
+    """State of these sections where the samples have always been one."""
+    return np.asarray(signal.sosfilt_zi(_low_pass(order, cutoff, rate, smooth=smooth)))
 
 
 @functools.lru_cache(maxsize=16)
@@ -200,7 +213,7 @@ def _filtered(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
     sections = _low_pass(order, cutoff, rate, smooth=smooths(term))
     if both:
         return np.asarray(signal.sosfiltfilt(sections, samples))
-    begin = signal.sosfilt_zi(sections) * _before(samples)
+    begin = _at_one(order, cutoff, rate, smooth=smooths(term)) * _before(samples)
     return np.asarray(signal.sosfilt(sections, samples, zi=begin)[0])
 
 
