@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.interpolate import BSpline, CubicSpline
 
+from impactscope.discrepancy.driven.models.even_spline import between_even_samples
 from impactscope.discrepancy.driven.models.terms import Term
 from impactscope.physics.mechanisms.ac_coupling import high_pass
 
@@ -75,9 +76,8 @@ def retimed(samples: Array, offset: float, drift: float, period: float) -> Array
     """
     if offset == 0.0 and drift == 0.0:
         return samples
-    time = period * np.arange(samples.size)
-    spline = CubicSpline(time, samples)
-    return np.asarray(spline(np.clip((time - offset) / (1.0 + drift), 0.0, time[-1])))
+    place = (np.arange(samples.size) - offset / period) / (1.0 + drift)
+    return between_even_samples(samples, np.clip(place, 0.0, samples.size - 1.0))
 
 
 def power_retimed(

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from impactscope.discrepancy.driven.adequacy.prescribed_laws import prescribed_laws
 from impactscope.discrepancy.driven.compiled import compiled
@@ -29,6 +28,7 @@ from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit
 from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge
 from impactscope.discrepancy.driven.models import parameter_layout as at
 from impactscope.discrepancy.driven.models.candidate_effects import candidate_effects
+from impactscope.discrepancy.driven.models.even_spline import between_even_samples
 from impactscope.discrepancy.driven.models.measuring_chain import (
     begins_in_motion,
     count_in_motion,
@@ -155,10 +155,8 @@ class NoiseLimitedMotionModel:
 
 def _retimed(force: Array, offset: float, drift: float, period: float) -> Array:
     """Force by a clock whose stamp is t (1 + drift) + offset; it goes on beyond the ends."""
-    time = period * np.arange(force.size, dtype=np.float64)
-    beyond = BEYOND * period
-    place = np.clip((time - offset) / (1.0 + drift), -beyond, time[-1] + beyond)
-    return np.asarray(CubicSpline(time, force)(place))
+    place = (np.arange(force.size) - offset / period) / (1.0 + drift)
+    return between_even_samples(force, np.clip(place, -BEYOND, force.size - 1.0 + BEYOND))
 
 
 def _friction(
