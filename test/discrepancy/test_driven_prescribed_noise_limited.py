@@ -1,5 +1,7 @@
 """Prescribed motions whose residual is noise: courses, effects, and laws beyond the library."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import fft, signal
@@ -7,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from impactscope.discrepancy.campaign import ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
+from impactscope.discrepancy.driven import explain as explaining
 from impactscope.discrepancy.driven import explain_driven
 from impactscope.discrepancy.driven.data.trajectory import Trajectory, _end, trajectory_of
 from impactscope.discrepancy.driven.models.model import Segment
@@ -14,6 +17,7 @@ from impactscope.discrepancy.driven.noise.coloured_noise import Colour
 from impactscope.discrepancy.driven.systems.prescribed_motion_ends import CONTINUED, _ends, _least
 from impactscope.discrepancy.driven.systems.prescribed_motion_noise import PrescribedMotionNoise
 from impactscope.discrepancy.driven.systems.prescribed_noise_limited import _noise_of, _turns
+from impactscope.discrepancy.time_limit import TimeLimit, _current, time_left
 
 RATE, SAMPLES = 1000.0, 2500
 STIFFNESS, DAMPING, REACH = 2e4, 400.0, 0.01
@@ -464,3 +468,25 @@ def test_a_rest_tells_nothing_of_the_level_behind_it():
     np.testing.assert_allclose(white[1700:2500], noise.slow(residual[1700:2500]))
     assert np.mean(white[1710:] ** 2) == pytest.approx(0.9, abs=0.15)
     assert noise.counted(3000) == 1999
+
+
+def test_a_search_to_the_noise_leaves_half_the_time_to_the_search_for_machines(monkeypatch):
+    now = [0.0]
+    left = SimpleNamespace(rmse={'force.damper': 99.0}, held_out_rmse={'force.damper': 99.0})
+    unsure = SimpleNamespace(
+        accepted=('offset', 'unknown'), fit=SimpleNamespace(extended=left), notes=()
+    )
+
+    def endless(*_):
+        while time_left('more'):
+            now[0] += 1.0
+        return unsure, False
+
+    monkeypatch.setattr(explaining, 'motion_answer', endless)
+    token = _current.set(TimeLimit(100.0, lambda: now[0]))
+    try:
+        answer = explain_driven(campaign(1, lambda i, t, x, v: 60.0 * np.tanh(v / 0.05)))
+    finally:
+        _current.reset(token)
+    assert 'coulomb_friction' in answer.accepted
+    assert now[0] == pytest.approx(35.0, abs=1.0)  # of the 70 s of a search
