@@ -244,10 +244,11 @@ def _levels(fit: Fit) -> list[Law]:
     return found
 
 
+@lru_cache(maxsize=4)
 def law_instead(
     before: Fit, after: Fit, price: float, strained: bool = False
 ) -> tuple[float, str]:
-    """Odds of the findings against a law that explains more in their place, and its name.
+    """Odds of the findings against a law that explains more in their place, and its name; kept.
 
     ``before``: the baseline, ``after``: with the findings, of which chance explains that much of
     the fall of chi-square: one for each number, and what it is to have several to choose. The
