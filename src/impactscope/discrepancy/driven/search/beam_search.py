@@ -353,7 +353,7 @@ def _lopsided(made: Fit) -> int:
 
 
 def _room(made: Fit, baseline: Fit, effort: Effort) -> int:
-    """Numbers that may still be added: a law of many numbers leaves room for a constant."""
+    """Numbers that may still be added: a law of many leaves room for one, such as a constant."""
     return effort.numbers + _more(made.terms, baseline, effort) - made.added + baseline.added
 
 
