@@ -104,11 +104,14 @@ def findings_of(s: Subject, new: Sequence[Term]) -> list[Finding]:
         rivals = tuple(dict.fromkeys((*rivals, *alike)))
         likely = share[term.name] + _in_other_words(term.name, words, fits, weight)
         found.append(_finding(s, term, s.outcome.best, likely, rivals))
+    # what has given way to a finding, by a rule or by a hair, is told as no likelier
+    at_most = {name: f.probability for f in found for name in f.confused_with}
     listed = (n for n in share if n not in best and source[n][0].listed)
     others = sorted(listed, key=lambda n: -share[n])
     for name in others[:8]:
         term, made, _ = source[name]
-        other = _finding(s, term, made, min(share[name], REFUSED), ())
+        likely = min(share[name], REFUSED, at_most.get(name, 1.0))
+        other = _finding(s, term, made, likely, ())
         found.append(numbers_left_open(other) if _bends_no_further(s, term, made) else other)
     return found
 
