@@ -27,7 +27,7 @@ from impactscope.records import (
 
 __all__ = ['DemoStep', 'demo_steps', 'replay_recording', 'run_live']
 
-START_DELAY = 0.5  # s
+START_DELAY = 0.5  # s after the stages are up, at which data begin
 
 
 def _nothing(_: Any) -> None:

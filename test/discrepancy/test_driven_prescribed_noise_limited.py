@@ -17,7 +17,7 @@ from impactscope.discrepancy.driven.noise.coloured_noise import Colour
 from impactscope.discrepancy.driven.systems.prescribed_motion_ends import CONTINUED, _ends, _least
 from impactscope.discrepancy.driven.systems.prescribed_motion_noise import PrescribedMotionNoise
 from impactscope.discrepancy.driven.systems.prescribed_noise_limited import _noise_of, _turns
-from impactscope.discrepancy.time_limit import TimeLimit, _current, time_left
+from impactscope.discrepancy.time_limit import time_left, time_limited
 
 RATE, SAMPLES = 1000.0, 2500
 STIFFNESS, DAMPING, REACH = 2e4, 400.0, 0.01
@@ -483,10 +483,7 @@ def test_a_search_to_the_noise_leaves_half_the_time_to_the_search_for_machines(m
         return unsure, False
 
     monkeypatch.setattr(explaining, 'motion_answer', endless)
-    token = _current.set(TimeLimit(100.0, lambda: now[0]))
-    try:
+    with time_limited(100.0, lambda: now[0]):
         answer = explain_driven(campaign(1, lambda i, t, x, v: 60.0 * np.tanh(v / 0.05)))
-    finally:
-        _current.reset(token)
     assert 'coulomb_friction' in answer.accepted
     assert now[0] == pytest.approx(35.0, abs=1.0)  # of the 70 s of a search

@@ -68,9 +68,11 @@ _current: contextvars.ContextVar[TimeLimit | None] = contextvars.ContextVar(
 
 
 @contextlib.contextmanager
-def time_limited(seconds: float) -> Iterator[TimeLimit]:
+def time_limited(
+    seconds: float, clock: Callable[[], float] = time.monotonic
+) -> Iterator[TimeLimit]:
     """Within this context :func:`time_left` goes by ``seconds`` from its beginning on."""
-    limit = TimeLimit(seconds)
+    limit = TimeLimit(seconds, clock)
     token = _current.set(limit)
     try:
         yield limit

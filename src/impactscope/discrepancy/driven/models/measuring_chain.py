@@ -69,15 +69,18 @@ def smooths(term: Term) -> bool:
 BELL = BSpline.basis_element(np.arange(-2.0, 3.0), False)  # of which a cubic spline is made
 
 
-def retimed(samples: Array, offset: float, drift: float, period: float) -> Array:
+def retimed(
+    samples: Array, offset: float, drift: float, period: float, beyond: float = 0.0
+) -> Array:
     """Samples that a clock with an error delivers: its stamp is t (1 + drift) + offset.
 
-    By a cubic spline: for signals far below half the sampling rate. Ends are held.
+    By a cubic spline: for signals far below half the sampling rate. It goes on ``beyond`` samples
+    from either end, and is held from there.
     """
     if offset == 0.0 and drift == 0.0:
         return samples
     place = (np.arange(samples.size) - offset / period) / (1.0 + drift)
-    return between_even_samples(samples, np.clip(place, 0.0, samples.size - 1.0))
+    return between_even_samples(samples, np.clip(place, -beyond, samples.size - 1.0 + beyond))
 
 
 def power_retimed(

@@ -28,12 +28,12 @@ from impactscope.discrepancy.driven.fits.simulation_error import FINE, Fit, fit
 from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge
 from impactscope.discrepancy.driven.models import parameter_layout as at
 from impactscope.discrepancy.driven.models.candidate_effects import candidate_effects
-from impactscope.discrepancy.driven.models.even_spline import between_even_samples
 from impactscope.discrepancy.driven.models.measuring_chain import (
     begins_in_motion,
     count_in_motion,
     passed_on,
     power_passed,
+    retimed,
 )
 from impactscope.discrepancy.driven.models.mechanical_effects import Sizes, enter
 from impactscope.discrepancy.driven.models.model import Segment
@@ -106,7 +106,7 @@ class NoiseLimitedMotionModel:
         if 'clock_error' in parts:
             clock = parts['clock_error'].label
             offset, drift = values.get(f'{clock}.offset', 0.0), values.get(f'{clock}.drift', 0.0)
-            force = _retimed(force, offset, drift, segment.period)
+            force = retimed(force, offset, drift, segment.period, BEYOND)
         return passed_on(
             force, parts, values, segment.period, segment.begin, measured=segment.measured
         )
@@ -151,12 +151,6 @@ class NoiseLimitedMotionModel:
     ) -> tuple[Array, Array]:
         """The prescribed motion."""
         return segment.drive[0], segment.drive[1]
-
-
-def _retimed(force: Array, offset: float, drift: float, period: float) -> Array:
-    """Force by a clock whose stamp is t (1 + drift) + offset; it goes on beyond the ends."""
-    place = (np.arange(force.size) - offset / period) / (1.0 + drift)
-    return between_even_samples(force, np.clip(place, -BEYOND, force.size - 1.0 + BEYOND))
 
 
 def _friction(
