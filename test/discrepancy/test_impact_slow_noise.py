@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from impactscope.discrepancy import time_limit
 from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact import explain as impact_explain
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
@@ -29,7 +28,7 @@ from impactscope.discrepancy.impact.fits.slow_noise import (
 )
 from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.discrepancy.impact.noise.coloured_noise import Colour
-from impactscope.discrepancy.time_limit import TimeLimit
+from impactscope.discrepancy.time_limit import time_limited
 from impactscope.physics.twin.assembly import Effect
 
 WHITE = {'force': 0.4, 'acceleration.impactor': 0.08}
@@ -320,8 +319,7 @@ def test_a_search_in_slower_noise_that_ran_out_of_time_hides_nothing(monkeypatch
     monkeypatch.setattr(impact_explain, '_searched', again)
     monkeypatch.setattr(impact_explain, '_left', lambda *_: False)
     monkeypatch.setattr(impact_explain, '_likelier', lambda *_: False)
-    monkeypatch.setattr(time_limit, 'TimeLimit', lambda s: TimeLimit(s, lambda: clock[0]))
-    with time_limit.time_limited(240.0) as limit:
+    with time_limited(240.0, lambda: clock[0]) as limit:
         clock[0] += 200.0 if over == 'before' else 0.0
         _, outcome, _ = impact_explain._in_slower_noise(None, data, whole, None, None)
     assert (outcome is whole) is (over != 'never')
