@@ -135,7 +135,7 @@ def bouncing(monkeypatch):
             baseline_conventions, '_begun_or_none', lambda m: SimpleNamespace(model=m)
         )
         monkeypatch.setattr(
-            baseline_conventions, 'in_parallel', lambda f, many: [f(m) for m in many]
+            baseline_conventions, 'in_processes', lambda f, many: [f(m) for m in many]
         )
         monkeypatch.setattr(baseline_conventions, 'follow', grown)
         monkeypatch.setattr(baseline_conventions, 'followed', lambda made, _: (made, None))

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 from impactscope.errors import ConfigurationError
 
-__all__ = ['THREADS', 'in_parallel']
+__all__ = ['THREADS', 'as_worker', 'in_parallel', 'is_worker', 'workers']
 
 THREADS = 'IMPACTSCOPE_THREADS'  # environment variable: threads of one search
 
@@ -26,8 +27,24 @@ def _begin() -> None:
     _here.is_worker = True
 
 
-def _threads() -> int:
-    """How many the environment allows; as many as there are cores, up to four, unless it tells.
+@contextlib.contextmanager
+def as_worker() -> Iterator[None]:
+    """Within this context everything in this thread is done one after another."""
+    before = is_worker()
+    _here.is_worker = True
+    try:
+        yield
+    finally:
+        _here.is_worker = before
+
+
+def is_worker() -> bool:
+    """Whether this thread does a piece of work that is one of several at the same time."""
+    return getattr(_here, 'is_worker', False)
+
+
+def workers() -> int:
+    """How many may work at a time: as the environment tells, or a core each, up to four.
 
     Raises ConfigurationError where it tells no whole number from 1 on.
     """
@@ -58,6 +75,5 @@ def in_parallel(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> lis
     What one item needs, no other may change. An error of any item is raised. Within such a piece
     of work everything is done in its own thread: the largest pieces are worth the most.
     """
-    alone = len(items) < 2 or getattr(_here, 'is_worker', False)
-    threads = 1 if alone else _threads()
+    threads = 1 if len(items) < 2 or is_worker() else workers()
     return [work(i) for i in items] if threads < 2 else list(_pool(threads).map(work, items))

@@ -61,7 +61,7 @@ from impactscope.discrepancy.impact.search.held_out import fit_together
 from impactscope.discrepancy.impact.search.outcome import Outcome, with_findings
 from impactscope.discrepancy.impact.search.prediction_misfit import prediction_misfit
 from impactscope.discrepancy.locate import locate
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
@@ -252,7 +252,7 @@ def _searched(
     if like is None:
         baseline = with_likelier(baseline)
     else:
-        ways = in_parallel(fit_baseline, other_conventions(baseline))
+        ways = in_processes(fit_baseline, other_conventions(baseline))
         likelier_way = functools.reduce(further, ways, baseline)
         if likelier_way is not baseline and likelier_way.reduced < thresholds.unexplained_ratio:
             baseline, like = likelier_way, None
@@ -280,7 +280,7 @@ def _by_other_names(
 
     The search as it went where none of them is worth another.
     """
-    fits = in_parallel(lambda m: _otherwise(baseline, m), others)
+    fits = in_processes(lambda m: _otherwise(baseline, m), others)
     known = [f for f in fits if f is not None]
     if not known:
         return outcome

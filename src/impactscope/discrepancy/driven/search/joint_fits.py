@@ -23,7 +23,7 @@ from impactscope.discrepancy.driven.search.screening import (
     prospects,
     screened,
 )
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 
 __all__ = ['Fits', 'labels_of', 'measured_by']
 
@@ -114,7 +114,7 @@ class Fits:
         for name, prospect in first:
             self.known[name] = made(prospect, self._least())
         least = self._least()
-        found = in_parallel(lambda item: made(item[1], least), rest)
+        found = in_processes(lambda item: made(item[1], least), rest)
         self.known.update(zip((name for name, _ in rest), found, strict=True))
         return [self.known[name] for name in names]
 
@@ -188,7 +188,7 @@ class Fits:
             if n != bare and (base, n) not in self._smaller
         ]
         self._smaller.update((base, n) for n, _ in todo)
-        for again in in_parallel(lambda item: made(item[1]), todo):
+        for again in in_processes(lambda item: made(item[1]), todo):
             self._better(again)
         return [self.baseline if n == bare else self.known[n] for n in names]
 
@@ -244,7 +244,7 @@ class Fits:
     def polish_each(self, made: Sequence[Fit]) -> list[Fit]:
         """Several fits once more, side by side, with every derivative taken anew."""
         rough = [f for f in made if f.label != POLISHED and f is not self.baseline]
-        for better in in_parallel(self._polished, rough):
+        for better in in_processes(self._polished, rough):
             self.known[labels_of(better.terms)] = better
         return [self.known[labels_of(f.terms)] for f in made]
 

@@ -19,7 +19,7 @@ from impactscope.discrepancy.driven.model_selection.chi_square import NoiseJudge
 from impactscope.discrepancy.driven.models.model import Model
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
 from impactscope.discrepancy.evidence import spread_over_minima
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 from impactscope.discrepancy.time_limit import time_left
 
 __all__ = ['foretelling', 'knowing_other_minima', 'starts_to_either_side']
@@ -53,9 +53,9 @@ def knowing_other_minima(model: Model, judge: NoiseJudge, made: Fit, terms: Sequ
     def chi_square(one: Fit) -> float:
         return fitted_chi_square(judge, one)
 
-    rough = in_parallel(lambda begin: followed(begin, ROUGHLY), begins)
+    rough = in_processes(lambda begin: followed(begin, ROUGHLY), begins)
     most = chi_square(made) + BEHIND
-    ends = in_parallel(
+    ends = in_processes(
         lambda f: followed(f.values, LAST), [f for f in rough if chi_square(f) < most]
     )
     kept = foretelling(judge, [made, *ends])

@@ -30,7 +30,7 @@ from impactscope.discrepancy.driven.models.model import Segment
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
 from impactscope.discrepancy.driven.systems.modal import STEPS, ModalProblem, Modes, minimum
 from impactscope.discrepancy.evidence import noise_std
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 
 __all__ = ['chain_of_modes']
 
@@ -100,10 +100,10 @@ def chain_of_modes(
         return costs[best], starts[best]
 
     begun = sorted(
-        zip(in_parallel(tried, problems), problems, strict=True), key=lambda pair: pair[0][0]
+        zip(in_processes(tried, problems), problems, strict=True), key=lambda pair: pair[0][0]
     )
     clocks = [p for p in begun[FOLLOWED:] if p[1].term.name == 'clock_error']
-    found = in_parallel(
+    found = in_processes(
         lambda pair: _fitted(pair[1], pair[0][1], stated), [*begun[:FOLLOWED], *clocks]
     )
     believed = [

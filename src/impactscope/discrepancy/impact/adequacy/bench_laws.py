@@ -20,7 +20,7 @@ from scipy import signal
 
 from impactscope.discrepancy.impact.fits.least_squares import Fit
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import mechanism
 from impactscope.physics.twin import layout as at
@@ -62,7 +62,7 @@ def law_responses(fit: Fit) -> list[Law]:
     effects = tuple(e for e in fit.model.effects if not mechanism(e.name).on_channel)
     bench = dataclasses.replace(fit.model, effects=effects)  # channels show the plain motion
     columns: dict[str, dict[str, Array]] = {}
-    found = in_parallel(lambda i: list(_of_blow(fit, bench, i)), fit.layout.blows)
+    found = in_processes(lambda i: list(_of_blow(fit, bench, i)), fit.layout.blows)
     for i, responses in zip(fit.layout.blows, found, strict=True):
         span = fit.layout.blow_spans[i]
         for label, number, response in responses:

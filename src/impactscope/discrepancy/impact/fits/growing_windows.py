@@ -18,7 +18,7 @@ from scipy import ndimage
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
 from impactscope.discrepancy.impact.fits.start_values import SHORT, cold_starts, met, placed
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.twin.simulate import SimulationError
@@ -98,7 +98,7 @@ def _short(model: ImpactModel, starts: Sequence[Array]) -> Fit:
     blows = model.data.fitted
     starts, known = met(model, starts)
     others = [i for i in blows if i not in known]
-    tried = in_parallel(lambda x: placed(model, x, blows, others), starts)
+    tried = in_processes(lambda x: placed(model, x, blows, others), starts)
     return min((f for f in tried if f is not None), key=lambda f: f.chi_square)
 
 
@@ -184,7 +184,7 @@ def _by_other_ways(short: Fit, found: Fit) -> Fit:
             break
         step = _FAR * (reach @ rng.standard_normal(short.x.size))
         both = [np.clip(x, lower, upper) for x in (short.x + step, short.x - step)]
-        for other in in_parallel(lambda x: _followed_from(short, x), both):
+        for other in in_processes(lambda x: _followed_from(short, x), both):
             if other is not None:
                 found = further(found, other)
         if follows_all(found):

@@ -20,6 +20,7 @@ from scipy import optimize
 
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel, Layout
 from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
@@ -396,7 +397,7 @@ def fits_from(
             return None
 
     pairs = list(zip(starts, near or [None] * len(starts), strict=True))
-    return [f for f in in_parallel(fitted, pairs) if f is not None]
+    return [f for f in in_processes(fitted, pairs) if f is not None]
 
 
 def raced(

@@ -15,7 +15,7 @@ from scipy import ndimage
 from impactscope.discrepancy.impact.data.binning import BinnedChannel
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel, Layout
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['SHORT', 'cold_starts', 'met', 'place', 'placed']
@@ -119,9 +119,9 @@ def met(model: ImpactModel, starts: Sequence[Array]) -> tuple[list[Array], list[
             return _contact_alone(soft, start[1], bare)
         return math.inf, start[1]
 
-    placed_ones = sorted(in_parallel(near, starts), key=lambda item: item[0])
+    placed_ones = sorted(in_processes(near, starts), key=lambda item: item[0])
     placed_ones = [p for p in placed_ones[:_CONTACT_FITS] if p[0] < math.inf]
-    tried = sorted(in_parallel(fitted, placed_ones), key=lambda item: item[0])
+    tried = sorted(in_processes(fitted, placed_ones), key=lambda item: item[0])
     return [x for cost, x in tried[:_CONTACTS] if cost < math.inf], bare
 
 

@@ -28,7 +28,7 @@ from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
 from impactscope.discrepancy.impact.models.bench_parameters import LARGE_ANGLES, LOSS_OF
 from impactscope.discrepancy.impact.search.outcome import QUIET
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.twin.bench import LOSSES
@@ -92,9 +92,9 @@ def with_likelier(baseline: Fit) -> Fit:
     if follows_all(best):
         return best
     most = max(_SOUND, best.reduced)
-    begins = in_parallel(_begun_or_none, others)
+    begins = in_processes(_begun_or_none, others)
     known = [short for short in begins if short is not None]
-    for other in in_parallel(lambda short: _followed(short, most), known):
+    for other in in_processes(lambda short: _followed(short, most), known):
         if other.reduced < _SOUND:
             best = further(best, other)
     if best.reduced < QUIET:
@@ -111,7 +111,7 @@ def _by_first_bounces(best: Fit, known: Mapping[tuple[float, ...], Fit]) -> Fit:
     models = [best.model, *other_conventions(best)]
     if len(models) < 2 or not time_left('conventions by the first bounces'):
         return best
-    short = in_parallel(lambda m: known.get(_choices(m)) or _begun_or_none(m), models)
+    short = in_processes(lambda m: known.get(_choices(m)) or _begun_or_none(m), models)
     for window in _FIRST_BOUNCES:
         grown = [None if s is None else follow(s, window) for s in short]
         sound = [g for g in grown if g is not None and g.layout.window >= window]

@@ -73,7 +73,7 @@ from impactscope.discrepancy.impact.search.strong_effects import (
     from_taps,
 )
 from impactscope.discrepancy.impact.search.time_offsets import with_late_channel
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
@@ -327,7 +327,7 @@ class Search:
         listed = candidates(baseline, self.baseline_names)
         best: tuple[Candidate, Fit, Fit] | None = None
         others = [c for c in listed if not c.free]
-        fits = in_parallel(
+        fits = in_processes(
             lambda c: fit_unless_far_behind(c.extend(baseline.model), baseline), others
         )
         tried = [(c, f) for c, f in zip(others, fits, strict=True) if f is not None]
@@ -610,7 +610,7 @@ class Search:
                 return None
             return weigh(candidate, joint, without, looks)
 
-        tried = in_parallel(fitted, candidate.starts[:6])
+        tried = in_processes(fitted, candidate.starts[:6])
         return [f for f in tried if f is not None]
 
     def _look_ahead(self, good: Sequence[Found]) -> Found:

@@ -41,7 +41,7 @@ from impactscope.discrepancy.impact.search.strong_effects import (
     race,
     related,
 )
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
@@ -229,7 +229,14 @@ class JointFits:
     def order(self, current: Fit, listed: Sequence[Candidate]) -> list[Trial]:
         """Every candidate tried, the most promising first."""
         screening = Screening(current, self.remembered)
-        tried = [found for found in in_parallel(screening.best, listed) if found]
+
+        def best(candidate: Candidate) -> tuple[list[Trial], Remembered]:
+            return screening.best(candidate), self.remembered.about(candidate.label)
+
+        looks = in_processes(best, listed)
+        for _, learnt in looks:  # perhaps in another process
+            self.remembered.learn(learnt)
+        tried = [found for found, _ in looks if found]
         self.tried = screening.residual, [t for found in tried for t in found]
         tried.sort(key=lambda found: found[0].gain, reverse=True)
 
@@ -244,7 +251,7 @@ class JointFits:
             other = found[0].x if found[0].by_slope is None else found[0].by_slope
             return dataclasses.replace(best, gain=found[0].gain, by_slope=other)
 
-        top = in_parallel(refined, tried[: 2 * _JOINT])
+        top = in_processes(refined, tried[: 2 * _JOINT])
         return sorted(top, key=lambda t: t.gain, reverse=True)
 
     def judge(

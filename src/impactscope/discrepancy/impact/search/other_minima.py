@@ -23,7 +23,7 @@ from impactscope.discrepancy.impact.candidates.candidate import Candidate
 from impactscope.discrepancy.impact.candidates.motion_scales import LARGEST_FREQUENCY
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit, fits_from
 from impactscope.discrepancy.impact.search.screening import Screening, Trial
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
@@ -75,7 +75,7 @@ def scanned(screening: Screening, candidate: Candidate) -> list[Trial]:
         count = round(math.log(highest / _LOWEST) / (_APART * broader))
         grid = np.geomspace(_LOWEST, highest, count)
         tops += screening.peaks(candidate, [{**at, key: float(f)} for f in grid])[:_PEAKS]
-    return in_parallel(lambda t: screening.best_refined([t]), tops)
+    return in_processes(lambda t: screening.best_refined([t]), tops)
 
 
 def other_modes(

@@ -21,7 +21,7 @@ from impactscope.discrepancy.impact.candidates.candidate import Candidate, stron
 from impactscope.discrepancy.impact.fits.least_squares import Fit, fit
 from impactscope.discrepancy.impact.search.outcome import evidence_for
 from impactscope.discrepancy.impact.search.screening import Trial
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['Pair', 'pairs']
@@ -70,7 +70,7 @@ def pairs(
             break
         if names not in chosen:
             chosen[names] = both, factors[:2]
-    joints = in_parallel(lambda pair: _fitted(current, *pair), list(chosen.values()))
+    joints = in_processes(lambda pair: _fitted(current, *pair), list(chosen.values()))
     found: list[Pair] = []
     for (both, _), joint in zip(chosen.values(), joints, strict=True):
         if joint is None:

@@ -24,7 +24,7 @@ from impactscope.discrepancy.impact.fits.least_squares import (
     weighted_median,
 )
 from impactscope.discrepancy.impact.models.bench_model import ImpactModel
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 from impactscope.errors import ImpactscopeError
 
 __all__ = ['Remembered', 'Screening', 'Trial']
@@ -53,6 +53,18 @@ class Remembered:
 
     ahead: dict[tuple[str, ...], tuple[int, ...]] = field(default_factory=dict)
     """Which of many starts did best beside the same numbers, by label and those numbers' keys."""
+
+    def about(self, label: str) -> Remembered:
+        """What is known of one candidate."""
+        return Remembered(
+            {place: start for place, start in self.weak.items() if place[0] == label},
+            {place: best for place, best in self.ahead.items() if place[0] == label},
+        )
+
+    def learn(self, more: Remembered) -> None:
+        """Take over what was learnt elsewhere."""
+        self.weak.update(more.weak)
+        self.ahead.update(more.ahead)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +136,7 @@ class Screening:
 
         What would need a strength of the other sign gains nothing.
         """
-        tried = in_parallel(lambda start: self._tried(candidate, start), starts)
+        tried = in_processes(lambda start: self._tried(candidate, start), starts)
         gains = [-math.inf, *(-math.inf if t is None else t.gain for t in tried), -math.inf]
         tops = [
             trial

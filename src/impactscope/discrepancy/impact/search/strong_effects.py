@@ -26,7 +26,7 @@ from impactscope.discrepancy.impact.models.bench_model import ImpactModel, Layou
 from impactscope.discrepancy.impact.models.bench_parameters import ADDED_WEIGHT
 from impactscope.discrepancy.impact.search.outcome import QUIET
 from impactscope.discrepancy.impact.search.screening import Screening, Trial
-from impactscope.discrepancy.parallel import in_parallel
+from impactscope.discrepancy.processes import in_processes
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
 
@@ -131,7 +131,7 @@ def _ready(near: Fit, baseline_names: Sequence[str]) -> list[tuple[Candidate, Fi
         trials = screening.best(candidate)[:_REFINED]
         return screening.best_refined(trials) if trials else None
 
-    trials = in_parallel(tried, candidates(near, baseline_names))
+    trials = in_processes(tried, candidates(near, baseline_names))
     found = sorted((t for t in trials if t is not None), key=lambda t: -t.gain)
     seen: set[str] = set()
     ready = []

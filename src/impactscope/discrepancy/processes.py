@@ -1,0 +1,248 @@
+"""Independent large pieces of work in processes: what is not compiled has to wait in threads.
+
+A search holds the interpreter's lock about half of the time. Two threads give 1.2 times one, two
+processes nearly two. Processes are forked for each call, so they have everything as it is here,
+and are gone when it returns. Only results are sent back. What both sides have is sent as its
+number, so that a result refers to the objects that are here and not to copies of them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import contextvars
+import functools
+import gc
+import io
+import os
+import pickle
+import signal
+import struct
+import time
+import types
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, TypeVar
+
+from impactscope.discrepancy.parallel import as_worker, in_parallel, is_worker, workers
+
+__all__ = ['in_processes']
+
+_Item = TypeVar('_Item')
+_Result = TypeVar('_Result')
+
+_WORTH = 0.15  # s of one process, below which another costs more than it saves
+_MOST = 8192  # items whose numbers a pipe can hold
+_NUMBER = struct.Struct('=i')
+_NO_MORE = -1
+_OURS = 'impactscope.'  # modules whose objects are looked into
+_ATOMS = frozenset((type(None), bool, int, float, complex, str, bytes))
+_seconds: dict[object, float] = {}  # that a piece took the last time, by the code of its work
+
+
+def in_processes(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Result]:
+    """``work`` done on each item, in processes where there are cores; results in their order.
+
+    What ``work`` changes of what it was given may be lost: it returns all that is of use. An
+    error of any item is raised. Where pieces of this work are small or no process can be forked,
+    all is done as in :func:`.parallel.in_parallel`; and what a process could not send back, here.
+    """
+    many = min(workers(), len(items))
+    if many < 2 or is_worker() or len(items) > _MOST or not hasattr(os, 'fork'):
+        return in_parallel(work, items)
+    code = _code(work)
+    divided = _seconds.get(code, _WORTH) * len(items) >= _WORTH
+    begun = time.monotonic()
+    done = _divided(work, items, many - 1) if divided else in_parallel(work, items)
+    taken = time.monotonic() - begun
+    _seconds[code] = taken * (many if divided else 1) / len(items)
+    return done
+
+
+def _code(work: Callable[..., Any]) -> object:
+    """What tells work apart that is written in different places."""
+    while isinstance(work, functools.partial):
+        work = work.func
+    work = getattr(work, '__func__', work)
+    return getattr(work, '__code__', type(work))
+
+
+def _divided(
+    work: Callable[[_Item], _Result], items: Sequence[_Item], helpers: int
+) -> list[_Result]:
+    """``work`` on items that this process and its helpers take one by one."""
+    shared = _Shared((work, items))
+    numbers, feed = os.pipe()
+    end = [_NO_MORE] * (helpers + 1)
+    os.write(feed, b''.join(map(_NUMBER.pack, (*range(len(items)), *end))))
+    os.close(feed)
+    done: dict[int, _Result] = {}
+    with contextlib.ExitStack() as ends:
+        ends.callback(os.close, numbers)
+        begun = []
+        with contextlib.suppress(OSError):  # no room for a further process
+            for _ in range(helpers):
+                pid, results = _helper(work, items, numbers, shared)
+                ends.callback(_end, pid, results)
+                begun.append(results)
+        done.update(_worked(work, items, numbers))
+        for results in begun:
+            done.update((i, shared.unpacked(sent)) for i, sent in _received(results).items())
+    left = [i for i in range(len(items)) if i not in done]
+    done.update((i, _alone(work, items[i])) for i in left)
+    return [done[i] for i in range(len(items))]
+
+
+def _worked(
+    work: Callable[[_Item], _Result], items: Sequence[_Item], numbers: int
+) -> Iterator[tuple[int, _Result]]:
+    while (i := _NUMBER.unpack(os.read(numbers, _NUMBER.size))[0]) != _NO_MORE:
+        yield i, _alone(work, items[i])
+
+
+def _alone(work: Callable[[_Item], _Result], item: _Item) -> _Result:
+    """A piece of work as a worker does it: nothing within it is divided, or ended by a clock."""
+
+    def done() -> _Result:
+        with as_worker():
+            return work(item)
+
+    return contextvars.Context().run(done)
+
+
+def _helper(
+    work: Callable[[Any], Any], items: Sequence[Any], numbers: int, shared: _Shared
+) -> tuple[int, int]:
+    """A process that takes items until none is left; its number, and where its results come."""
+    results, sending = os.pipe()
+    with warnings.catch_warnings():
+        # other threads may hold locks for ever in there: it computes, and needs none of theirs
+        warnings.simplefilter('ignore', DeprecationWarning)
+        pid = os.fork()
+    if pid == 0:
+        try:
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # the asking process tells
+            gc.freeze()  # a look at what is here would copy all of it
+            _send(work, items, numbers, shared, sending)
+        finally:
+            os._exit(0)
+    os.close(sending)
+    return pid, results
+
+
+def _send(
+    work: Callable[[Any], Any],
+    items: Sequence[Any],
+    numbers: int,
+    shared: _Shared,
+    sending: int,
+) -> None:
+    """Do and send what can be done and sent; the asking process does the rest, and its errors."""
+    sent: dict[int, bytes] = {}
+
+    def attempted(item: Any) -> bytes | None:
+        with contextlib.suppress(Exception):
+            return shared.packed(work(item))
+        return None
+
+    sent.update((i, p) for i, p in _worked(attempted, items, numbers) if p is not None)
+    with os.fdopen(sending, 'wb') as file:
+        pickle.dump(sent, file, pickle.HIGHEST_PROTOCOL)
+
+
+def _received(results: int) -> dict[int, bytes]:
+    """What a helper has sent; nothing where it ended before that."""
+    with os.fdopen(results, 'rb', closefd=False) as file:
+        try:
+            return dict(pickle.load(file))  # noqa: S301 - of a process forked from this one
+        except (EOFError, pickle.UnpicklingError):
+            return {}
+
+
+def _end(pid: int, results: int) -> None:
+    """A helper is not needed any more."""
+    os.close(results)
+    with contextlib.suppress(ChildProcessError):  # waited for by somebody else
+        if os.waitpid(pid, os.WNOHANG) == (0, 0):
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+
+
+class _Shared:
+    """Objects that both sides have, by their numbers."""
+
+    def __init__(self, root: object) -> None:
+        self.objects = list(_reached(root))
+        self.numbers = {id(o): n for n, o in enumerate(self.objects)}
+
+    def packed(self, result: object) -> bytes:
+        """A result as it is sent; what both sides have as its number."""
+        file = io.BytesIO()
+        _Packer(file, self.numbers).dump(result)
+        return file.getvalue()
+
+    def unpacked(self, sent: bytes) -> Any:
+        """A result as it was sent, of the objects that are here."""
+        return _Unpacker(io.BytesIO(sent), self.objects).load()
+
+
+class _Packer(pickle.Pickler):
+    def __init__(self, file: io.BytesIO, numbers: Mapping[int, int]) -> None:
+        super().__init__(file, pickle.HIGHEST_PROTOCOL)
+        self.numbers = numbers
+
+    def persistent_id(self, obj: object) -> int | None:
+        return self.numbers.get(id(obj))
+
+
+class _Unpacker(pickle.Unpickler):
+    def __init__(self, file: io.BytesIO, objects: Sequence[object]) -> None:
+        super().__init__(file)
+        self.objects = objects
+
+    def persistent_load(self, pid: int) -> object:
+        return self.objects[pid]
+
+
+def _reached(root: object) -> Iterator[object]:
+    """Objects that are reached from one, each once; not what is sent by its value anyway."""
+    seen, waiting = {id(root)}, [root]
+    while waiting:
+        one = waiting.pop()
+        yield one
+        for part in _parts(one):
+            if type(part) not in _ATOMS and id(part) not in seen:
+                seen.add(id(part))
+                waiting.append(part)
+
+
+def _parts(one: object) -> Iterable[object]:
+    """What an object refers to, where it is a container or one of this project's."""
+    if isinstance(one, dict | types.MappingProxyType):
+        return [*one.keys(), *one.values()]
+    if isinstance(one, list | tuple | set | frozenset):
+        return one
+    if isinstance(one, types.FunctionType):
+        return _enclosed(one)
+    if isinstance(one, types.MethodType):
+        return one.__self__, one.__func__
+    if isinstance(one, functools.partial):
+        return one.func, one.args, one.keywords
+    if type(one).__module__.startswith(_OURS):
+        return _attributes(one)
+    return ()
+
+
+def _enclosed(function: types.FunctionType) -> list[object]:
+    parts = []
+    for cell in function.__closure__ or ():
+        with contextlib.suppress(ValueError):  # not filled yet
+            parts.append(cell.cell_contents)
+    return parts
+
+
+def _attributes(one: object) -> list[object]:
+    parts = list(getattr(one, '__dict__', {}).values())
+    slots = (name for kind in type(one).__mro__ for name in getattr(kind, '__slots__', ()))
+    absent = object()
+    values = (getattr(one, name, absent) for name in slots)
+    return [*parts, *(v for v in values if v is not absent)]

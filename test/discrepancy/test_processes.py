@@ -1,0 +1,183 @@
+"""Large pieces of work in processes: what comes back, and what is done here after all."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from impactscope.discrepancy import processes
+from impactscope.discrepancy.explain import explain
+from impactscope.discrepancy.impact.search.screening import Remembered
+from impactscope.discrepancy.parallel import THREADS, in_parallel
+from impactscope.discrepancy.processes import in_processes
+from impactscope.errors import ImpactscopeError
+from impactscope.physics.twin.assembly import Effect
+
+LONG = 0.05  # s, of a piece that another process is worth
+
+
+@pytest.fixture(autouse=True)
+def two_processes(monkeypatch):
+    monkeypatch.setenv(THREADS, '2')
+    monkeypatch.setattr(processes, '_seconds', {})
+
+
+def longer(seconds: float = LONG) -> int:
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def test_pieces_are_done_in_this_process_and_another_one():
+    done_by = in_processes(lambda _: longer(), range(6))
+    assert len(set(done_by)) == 2
+    assert os.getpid() in done_by
+
+
+def test_no_process_is_left():
+    in_processes(lambda _: longer(), range(4))
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)
+
+
+@pytest.mark.parametrize('many', [0, 1, 2, 7, 40])
+def test_results_come_in_the_order_of_the_items(many):
+    def work(i: int) -> int:
+        time.sleep(0.02 if i == 0 else 0.002)
+        return i * i
+
+    assert in_processes(work, range(many)) == [i * i for i in range(many)]
+
+
+def test_one_thread_means_one_process(monkeypatch):
+    monkeypatch.setenv(THREADS, '1')
+    assert set(in_processes(lambda _: longer(0.001), range(4))) == {os.getpid()}
+
+
+def test_small_pieces_are_not_worth_a_process():
+    def work(_: int) -> int:
+        return os.getpid()
+
+    in_processes(work, range(4))  # nobody knows yet
+    assert set(in_processes(work, range(4))) == {os.getpid()}
+
+
+def test_pieces_that_become_large_are_worth_one_again():
+    def work(seconds: float) -> int:
+        return longer(seconds)
+
+    for seconds in (0.0, 0.0, 0.1):
+        in_processes(work, [seconds] * 4)
+    assert len(set(in_processes(work, [0.1] * 4))) == 2
+
+
+def test_what_both_sides_have_is_the_same_object_here():
+    @dataclass(eq=False)
+    class Whole:
+        array: np.ndarray
+        parts: list[object] = field(default_factory=list)
+
+    Whole.__module__ = 'impactscope.test'  # one of this project's
+    whole = Whole(np.arange(5.0), [object(), {'deep': np.zeros(2)}])
+
+    def work(i: int) -> tuple[object, ...]:
+        longer()
+        return whole, whole.array, whole.parts[1]['deep'], np.full(3, float(i))
+
+    results = in_processes(work, range(4))
+    for i, (it, array, deep, new) in enumerate(results):
+        assert it is whole
+        assert array is whole.array
+        assert deep is whole.parts[1]['deep']
+        np.testing.assert_array_equal(new, np.full(3, float(i)))
+
+
+def test_objects_that_a_result_has_twice_are_one_object_here():
+    def work(i: int) -> list[np.ndarray]:
+        longer()
+        new = np.full(3, float(i))
+        return [new, new]
+
+    assert all(one is other for one, other in in_processes(work, range(4)))
+
+
+def test_an_error_of_any_piece_is_raised():
+    def work(i: int) -> int:
+        longer()
+        if i == 3:
+            raise ImpactscopeError('the fourth')
+        return i
+
+    with pytest.raises(ImpactscopeError, match='the fourth'):
+        in_processes(work, range(5))
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)
+
+
+def test_what_cannot_be_sent_is_done_here():
+    def work(i: int):
+        longer()
+        return lambda: (i, os.getpid())
+
+    assert [f() for f in in_processes(work, range(4))] == [(i, os.getpid()) for i in range(4)]
+
+
+def test_what_a_process_that_was_killed_has_not_sent_is_done_here():
+    here = os.getpid()
+
+    def work(i: int) -> int:
+        longer()
+        if os.getpid() != here:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return i
+
+    assert in_processes(work, range(6)) == list(range(6))
+
+
+def test_without_room_for_a_process_all_is_done_here(monkeypatch):
+    def none_left() -> int:
+        raise BlockingIOError
+
+    monkeypatch.setattr(processes.os, 'fork', none_left)
+    assert set(in_processes(lambda _: longer(), range(4))) == {os.getpid()}
+
+
+@pytest.mark.parametrize('divided', [in_processes, in_parallel])
+def test_work_within_work_is_not_divided(divided):
+    def outer(_: int) -> bool:
+        longer()
+        return set(divided(lambda _: longer(0.001), range(4))) == {os.getpid()}
+
+    assert all(in_processes(outer, range(4)))
+
+
+def test_what_was_learnt_of_a_candidate_is_taken_over():
+    place, start = ('friction', (('force', 0.1),)), {'force': 0.2}
+    learnt = Remembered({place: start, ('other', ()): {}}, {('friction', 'mass'): (3, 1)})
+    known = Remembered({('more', ()): {}})
+    known.learn(learnt.about('friction'))
+    assert known.weak == {place: start, ('more', ()): {}}
+    assert known.ahead == {('friction', 'mass'): (3, 1)}
+
+
+def test_a_search_sends_all_that_it_finds(make_campaign, monkeypatch, tmp_path):
+    """What is not sent is done again: right, and twice as slow."""
+    packed = processes._Shared.packed
+
+    def told(shared, result):
+        try:
+            sent = packed(shared, result)
+        except Exception as error:
+            (tmp_path / 'not_sent').write_text(repr(error))
+            raise
+        (tmp_path / 'sent').touch()
+        return sent
+
+    monkeypatch.setattr(processes._Shared, 'packed', told)
+    campaign = make_campaign(3, [Effect('coulomb_friction', {'force': 0.3})], blows=2)
+    assert explain(campaign).accepted
+    assert [f.name for f in tmp_path.iterdir()] == ['sent']
