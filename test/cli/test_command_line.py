@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from impactscope import cli
+from impactscope.cli import program
 from impactscope.cli.explain import print_answer
 from impactscope.configuration import bags_folder
 from impactscope.drivers.simulated import write_simulation
@@ -367,3 +368,18 @@ def test_a_check_holds_the_recordings_against_the_file(
     assert told in ' '.join(err.split())
     if not told:
         assert ', 1 s at 1000 Hz, the part from 1.5 to 2.499 s' in ' '.join(out.split())
+
+
+def _while_it_waits() -> None:
+    raise KeyboardInterrupt
+
+
+def _in_compiled_code() -> None:
+    raise SystemError('run returned a result with an exception set') from KeyboardInterrupt()
+
+
+@pytest.mark.parametrize('place', [_while_it_waits, _in_compiled_code])
+def test_interrupted_it_says_so_wherever_it_was(capsys, monkeypatch, place):
+    monkeypatch.setattr(program, 'app', lambda *_, **__: place())
+    code, _, err = run(capsys, 'explain', 'campaign')
+    assert (code, err) == (130, 'interrupted')

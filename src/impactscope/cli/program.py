@@ -67,8 +67,7 @@ def main(arguments: list[str] | None = None) -> int:
     except typer.Exit as stop:
         return int(stop.exit_code)
     except (typer.Abort, KeyboardInterrupt):
-        err.print('interrupted')
-        return 130
+        return _interrupted()
     except BrokenPipeError:  # as older versions of rich say it
         print_nowhere()
         return READER_GONE
@@ -80,11 +79,18 @@ def main(arguments: list[str] | None = None) -> int:
         return _fail(error, 2)
     except Exception as error:
         usage = getattr(error, 'format_message', None)  # click's own errors of usage
+        if usage is None and isinstance(error.__cause__, KeyboardInterrupt):
+            return _interrupted()  # compiled code that was about to return says it like this
         if usage is None:
             raise
         error.show()  # type: ignore[attr-defined]
         return int(getattr(error, 'exit_code', 2))
     return code if isinstance(code, int) else 0
+
+
+def _interrupted() -> int:
+    err.print('interrupted')
+    return 130
 
 
 def _fail(error: Exception, code: int) -> int:
