@@ -15,6 +15,7 @@ from impactscope.discrepancy.explain import explain
 from impactscope.discrepancy.impact.search.screening import Remembered
 from impactscope.discrepancy.parallel import THREADS, in_parallel
 from impactscope.discrepancy.processes import in_processes
+from impactscope.discrepancy.time_limit import time_left, time_limited
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.twin.assembly import Effect
 
@@ -181,3 +182,18 @@ def test_a_search_sends_all_that_it_finds(make_campaign, monkeypatch, tmp_path):
     campaign = make_campaign(3, [Effect('coulomb_friction', {'force': 0.3})], blows=2)
     assert explain(campaign).accepted
     assert [f.name for f in tmp_path.iterdir()] == ['sent']
+
+
+@pytest.mark.parametrize('divided', [in_processes, in_parallel])
+def test_work_that_is_divided_goes_by_the_time_that_is_left(divided):
+    def work(i: int) -> bool:
+        longer()
+        return time_left(f'step {i}')
+
+    assert all(divided(work, range(4)))  # no limit
+    with time_limited(100.0) as limit:
+        assert all(divided(work, range(4)))
+        assert not limit.left_out
+    with time_limited(0.0) as limit:
+        assert not any(divided(work, range(4)))
+    assert set(limit.left_out) == {f'step {i}' for i in range(4)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import contextvars
 import functools
 import os
 import threading
@@ -75,5 +76,7 @@ def in_parallel(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> lis
     What one item needs, no other may change. An error of any item is raised. Within such a piece
     of work everything is done in its own thread: the largest pieces are worth the most.
     """
-    threads = 1 if len(items) < 2 or is_worker() else workers()
-    return [work(i) for i in items] if threads < 2 else list(_pool(threads).map(work, items))
+    if len(items) < 2 or is_worker() or workers() < 2:
+        return [work(i) for i in items]
+    here = contextvars.copy_context()  # with the time that is left
+    return list(_pool(workers()).map(lambda item: here.copy().run(work, item), items))

@@ -9,7 +9,6 @@ number, so that a result refers to the objects that are here and not to copies o
 from __future__ import annotations
 
 import contextlib
-import contextvars
 import functools
 import gc
 import io
@@ -24,6 +23,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 from impactscope.discrepancy.parallel import as_worker, in_parallel, is_worker, workers
+from impactscope.discrepancy.time_limit import leave_out, left_out
 
 __all__ = ['in_processes']
 
@@ -86,7 +86,9 @@ def _divided(
                 begun.append(results)
         done.update(_worked(work, items, numbers))
         for results in begun:
-            done.update((i, shared.unpacked(sent)) for i, sent in _received(results).items())
+            sent, steps = _received(results)
+            done.update((i, shared.unpacked(one)) for i, one in sent.items())
+            leave_out(steps)
     left = [i for i in range(len(items)) if i not in done]
     done.update((i, _alone(work, items[i])) for i in left)
     return [done[i] for i in range(len(items))]
@@ -100,13 +102,9 @@ def _worked(
 
 
 def _alone(work: Callable[[_Item], _Result], item: _Item) -> _Result:
-    """A piece of work as a worker does it: nothing within it is divided, or ended by a clock."""
-
-    def done() -> _Result:
-        with as_worker():
-            return work(item)
-
-    return contextvars.Context().run(done)
+    """A piece of work as a worker does it: nothing within it is divided again."""
+    with as_worker():
+        return work(item)
 
 
 def _helper(
@@ -146,16 +144,17 @@ def _send(
 
     sent.update((i, p) for i, p in _worked(attempted, items, numbers) if p is not None)
     with os.fdopen(sending, 'wb') as file:
-        pickle.dump(sent, file, pickle.HIGHEST_PROTOCOL)
+        pickle.dump((sent, left_out()), file, pickle.HIGHEST_PROTOCOL)
 
 
-def _received(results: int) -> dict[int, bytes]:
-    """What a helper has sent; nothing where it ended before that."""
+def _received(results: int) -> tuple[dict[int, bytes], tuple[str, ...]]:
+    """What a helper has sent, and steps that it had no time for; nothing where it ended before."""
     with os.fdopen(results, 'rb', closefd=False) as file:
         try:
-            return dict(pickle.load(file))  # noqa: S301 - of a process forked from this one
+            sent, steps = pickle.load(file)  # noqa: S301 - of a process forked from this one
         except (EOFError, pickle.UnpicklingError):
-            return {}
+            return {}, ()
+    return sent, steps
 
 
 def _end(pid: int, results: int) -> None:

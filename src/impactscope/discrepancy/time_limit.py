@@ -10,10 +10,18 @@ import contextlib
 import contextvars
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
-__all__ = ['WITHIN_S', 'TimeLimit', 'share_of_time', 'time_left', 'time_limited']
+__all__ = [
+    'WITHIN_S',
+    'TimeLimit',
+    'leave_out',
+    'left_out',
+    'share_of_time',
+    'time_left',
+    'time_limited',
+]
 
 WITHIN_S = 240.0
 """Time in which an answer is wanted where nobody says otherwise, s."""
@@ -92,9 +100,19 @@ def share_of_time(share: float) -> Iterator[None]:
 
 
 def time_left(step: str) -> bool:
-    """Whether there is time for a step that an answer can do without; always where none is set.
-
-    Asked in the thread that searches, not in pieces of work that are done side by side.
-    """
+    """Whether there is time for a step that an answer can do without; always where none is set."""
     limit = _current.get()
     return limit is None or limit.time_left(step)
+
+
+def left_out() -> tuple[str, ...]:
+    """The steps that were left out until now."""
+    limit = _current.get()
+    return tuple(limit.left_out) if limit is not None else ()
+
+
+def leave_out(steps: Iterable[str]) -> None:
+    """Note steps that another process has left out."""
+    limit = _current.get()
+    if limit is not None:
+        limit.left_out.update(dict.fromkeys(steps))

@@ -56,12 +56,15 @@ def cold_starts(model: ImpactModel) -> list[Array]:
 
 def _tapped(model: ImpactModel, starts: Sequence[Array], taps: Sequence[int]) -> list[Fit]:
     """Fits to the taps alone from each start, the best first."""
-    found = []
-    for x in starts:
+    layout = model.layout(taps)
+
+    def fitted(x: Array) -> Fit | None:
         with contextlib.suppress(ImpactscopeError):
-            moved = place(model, x, taps)
-            found.append(fit(model, model.layout(taps), moved, iterations=12, settled=1.0))
-    return sorted(found, key=lambda f: f.chi_square)
+            return fit(model, layout, place(model, x, taps), iterations=12, settled=1.0)
+        return None
+
+    tried = in_processes(fitted, starts)
+    return sorted((f for f in tried if f is not None), key=lambda f: f.chi_square)
 
 
 def _rung_masses(model: ImpactModel, taps: Sequence[int]) -> tuple[float, ...]:

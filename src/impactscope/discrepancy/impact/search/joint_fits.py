@@ -173,11 +173,9 @@ class JointFits:
         Numbers of the baseline that late contacts have bent hide it from a look at its slopes.
         """
         known = {f.candidate.label for f in found}
-        added = []
-        for before in suspected:
+
+        def fitted(before: Found) -> Found | None:
             candidate = before.candidate
-            if before.p_value > _SUSPECTED or candidate.label in known or not candidate.free:
-                continue
             model = candidate.extend(current.model)
             own = {f.key for f in candidate.free}
             mine = {k: v for k, v in before.fit.values.items() if k in own}
@@ -189,7 +187,17 @@ class JointFits:
                 nearer = min(begins, key=lambda f: f.chi_square)
                 with contextlib.suppress(ImpactscopeError):
                     joint = fit(model, current.layout, nearer.x, settled=0.1, near=current)
-                    added.append(weigh(candidate, joint, current, looks))
+                    return weigh(candidate, joint, current, looks)
+            return None
+
+        open_ones = [
+            before
+            for before in suspected
+            if before.p_value <= _SUSPECTED
+            and before.candidate.label not in known
+            and before.candidate.free
+        ]
+        added = [f for f in in_processes(fitted, open_ones) if f is not None]
         return sorted([*found, *added], key=lambda f: f.criterion)
 
     def _strong(

@@ -27,6 +27,7 @@ from impactscope.discrepancy.impact.search.strong_effects import (
     in_place_of,
     with_its_numbers,
 )
+from impactscope.discrepancy.processes import in_processes
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.errors import ImpactscopeError
 
@@ -159,13 +160,14 @@ def _swap(outcome: Outcome, candidate: Candidate, rest: list[Candidate], beside:
     later = outcome.accepted[-1] is not candidate
     further = [r for r in rivals if r not in close] if later else []
     nearly = [r for r in further if r.gain > _NEARLY * beside.gain]
-    refitted = []
-    for rival in (*(close + nearly)[:_RIVALS], *tied[:_RIVALS]):
+
+    def fitted(rival: Found) -> Found | None:
         known = {**outcome.final.values, **rival.fit.values}
         item = _instead(outcome, mine, rest, rival.candidate, known)
-        if item is not None:
-            item = at_bottom(item, outcome.final.chi_square + _CLOSE)
-            refitted.append(item)
+        return None if item is None else at_bottom(item, outcome.final.chi_square + _CLOSE)
+
+    tried = in_processes(fitted, [*(close + nearly)[:_RIVALS], *tied[:_RIVALS]])
+    refitted = [f for f in tried if f is not None]
     near = [f for f in (mine, *refitted) if f.criterion < mine.criterion + _TIED]
     refitted += _relatives(outcome, mine, rest, near, {f.candidate.name for f in refitted})
     refitted.sort(key=lambda f: f.criterion)
@@ -396,22 +398,26 @@ def _relatives(
         return []
     without = with_findings(outcome, rest, outcome.final.layout)
     screening = Screening(without)
-    found = []
-    for candidate in candidates(without, ()):
-        if (candidate.name, candidate.channel) not in wanted or candidate.label in taken:
-            continue
+
+    def in_its_place(candidate: Candidate) -> Found | None:
         tried = screening.best(candidate)
         if not tried:
-            continue
+            return None
         best = screening.best_refined(tried[:_STARTS])
         bent = without.reduced > _LOST and not candidate.channel
         able = bent or contains(candidate, mine.candidate)  # which has a start from the finding
         wanted_gain = min(_PROMISING * mine.gain, mine.gain - _CLOSE)
         if best.gain < wanted_gain and not able:
-            continue  # tried at numbers that are bent, a trial says nothing of a force
+            return None  # tried at numbers that are bent, a trial says nothing of a force
         starts = [best, tried[0]] if candidate.of_several_shapes else [best]
         values = [t.model.values(t.x) for t in starts]
         items = [_instead(outcome, mine, rest, candidate, known) for known in values]
         able_to = [item for item in items if item is not None]
-        found += sorted(able_to, key=lambda f: f.criterion)[:1]
-    return found
+        return min(able_to, key=lambda f: f.criterion, default=None)
+
+    open_ones = [
+        c
+        for c in candidates(without, ())
+        if (c.name, c.channel) in wanted and c.label not in taken
+    ]
+    return [f for f in in_processes(in_its_place, open_ones) if f is not None]

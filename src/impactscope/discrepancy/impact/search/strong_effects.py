@@ -285,21 +285,25 @@ def from_within(
     """
     model = fuller.extend(without)
     (size,) = (leader.values[key] for key in plain.amplitudes)
-    tried = [leader]
-    for start, apart in itertools.product(fuller.starts, _APART):
+
+    def fitted(begin: tuple[Mapping[str, float], float]) -> Fit:
+        start, apart = begin
         numbers = {**leader.values, **start}
         amounts = sorted(fuller.amplitudes, key=lambda key: -start.get(key, 0.0))
         for key, sign in zip(amounts, (1.0, -1.0), strict=False):
             numbers[key] = size * (1.0 + sign * apart)
-        x = model.vector(numbers)
+        best = leader
         with contextlib.suppress(ImpactscopeError):
-            tried.append(fit(model, leader.layout, x, iterations=12))
+            first = fit(model, leader.layout, model.vector(numbers), iterations=12)
             # friction turns round in single samples: its chi-square is rough
-            tried.append(fit(model, leader.layout, tried[-1].x, iterations=12))
-    best = min(tried, key=lambda f: f.chi_square)
-    if best is leader:
-        return None
-    return best
+            best = min(best, first, key=lambda f: f.chi_square)
+            again = fit(model, leader.layout, first.x, iterations=12)
+            best = min(best, again, key=lambda f: f.chi_square)
+        return best
+
+    tried = in_processes(fitted, list(itertools.product(fuller.starts, _APART)))
+    best = min([leader, *tried], key=lambda f: f.chi_square)
+    return None if best is leader else best
 
 
 def _from_best(model: ImpactModel, layout: Layout, starts: Sequence[Array]) -> Fit | None:
