@@ -99,6 +99,17 @@ def test_a_force_that_stands_still_is_known_by_its_mean():
     assert np.max(edge) > 100.0 * np.median(known.error.variance)  # between which samples?
 
 
+def test_the_noise_of_a_force_that_turns_sharply_is_seen_where_it_stands_still():
+    """What its corners have at the highest frequencies is no noise."""
+    rng = np.random.default_rng(7)
+    time = np.arange(4000) / 4096.0
+    swings = 50.0 * np.sin(2.0 * np.pi * 37.0 * time)
+    force = np.where((time > 0.15) & (time < 0.9), swings, 0.0)
+    known = known_force(force + 1.5e-4 * rng.standard_normal(force.size))
+    assert known.noise == pytest.approx(1.5e-4**2, rel=0.2)
+    assert known.moves == pytest.approx(0.77, abs=0.03)
+
+
 def test_the_noise_of_a_broad_force_is_not_known():
     known = known_force(np.random.default_rng(4).standard_normal(4000))
     assert np.isnan(known.noise)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,8 +46,11 @@ def known_force(samples: Array) -> KnownForce:
     noise = _noise(samples)
     if samples.size < 2 * STILL or not noise > 0.0:
         return KnownForce(samples, noise, 1.0, None)
-    force, variance = samples.copy(), np.full(samples.size, noise)
     still = _still(samples, math.sqrt(noise))
+    rest = _noise_at_rest(samples, still, noise)
+    if rest < noise:
+        noise, still = rest, _still(samples, math.sqrt(rest))
+    force, variance = samples.copy(), np.full(samples.size, noise)
     moves = 1.0
     if sum(b - a for a, b in still) > IDLE * samples.size:
         for a, b in still:
@@ -67,6 +71,19 @@ def _noise(force: Array) -> float:
     level = float(np.median(power[int(UPPER * power.size) :])) / math.log(2.0)
     level = min(level, noise_std(force) ** 2)  # a force that stands still at times tells it better
     return level if level < NOISY * float(np.mean(power)) else math.nan
+
+
+def _noise_at_rest(force: Array, still: Sequence[tuple[int, int]], noise: float) -> float:
+    """Variance of a sample where a force stands still, if clearly below ``noise``; else that.
+
+    A force that turns sharply is loud at all frequencies, and its noise is not seen beside that.
+    """
+    parts = [force[a:b] - np.mean(force[a:b]) for a, b in still]
+    count = sum(p.size - 1 for p in parts)
+    if not count:
+        return noise
+    level = float(sum(p @ p for p in parts)) / count
+    return level if level * (1.0 + AGREE * math.sqrt(2.0 / count)) < noise else noise
 
 
 def _corners(force: Array) -> Array:
