@@ -153,6 +153,14 @@ def test_a_heavy_plate_loads_its_spring_before_it_is_clearly_seen():
     assert _first_sight({'force': rising}) == pytest.approx(CONTACT + 3e-3, abs=2e-3)
 
 
+@pytest.mark.parametrize('rate', [1.0, 4.0, 8.0, 16.0])
+def test_a_level_that_drifts_is_no_blow(rate):
+    """By the time of the blow it has left the level of the recording's beginning."""
+    moved = np.where(STRUCK, 200.0 * np.sin(np.pi * SINCE / 0.012), 0.0)
+    drifting = channel('acceleration.plate', moved + rate * TIME, 0.02)
+    assert seen(drifting) == pytest.approx(CONTACT, abs=1e-3)
+
+
 @pytest.mark.parametrize('takes', [0.0005, 0.01, 0.04])
 def test_an_impactor_may_take_its_time_to_be_let_go(takes):
     rng = np.random.default_rng(3)

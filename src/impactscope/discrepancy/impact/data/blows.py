@@ -57,6 +57,7 @@ _RELEASE = 2  # samples at least on either side of the moment in which an impact
 _OF_RELEASE = 1.5  # times the least that is left, from which more than slow noise was there
 _SHRUNK = 1.1  # times the least that is left, up to which a shorter gap will do
 _BEFORE_RISE = 0.6  # of what precedes a blow, that shows the level
+_JUST_BEFORE = 0.12  # s, that show it where it drifts
 _RUN = 5  # samples, whose mean has
 _RISEN = 3.0  # of the noise
 _RISES = 2e-3  # s, at least, for which a blow is seen to begin: nearer it counts as no quiet
@@ -303,6 +304,10 @@ def _departs(channel: ChannelSamples, seen: float, noise: float = 0.0) -> float:
     early = values[: round(_BEFORE_RISE * values.size)]
     level = float(np.median(early))
     sigma = max(noise, noise_std(early), float(np.median(np.abs(early - level))) / 0.6745)
+    since = channel.time[before] - seen
+    latest = values[(since > -_JUST_BEFORE) & (since < -_LATER)]
+    if latest.size >= _TELLING:  # a drift may have led far away by then
+        level = float(np.median(latest))
     run = ndimage.uniform_filter1d(values - level, _RUN, mode='nearest')
     quiet = np.flatnonzero(np.abs(run) <= _RISEN * sigma)
     last = int(quiet[-1]) if quiet.size else -1
