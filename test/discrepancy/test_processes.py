@@ -33,8 +33,15 @@ def longer(seconds: float = LONG) -> int:
     return os.getpid()
 
 
-def test_pieces_are_done_in_this_process_and_another_one():
-    done_by = in_processes(lambda _: longer(), range(6))
+def test_pieces_are_done_in_this_process_and_another_one(tmp_path):
+    def meets_another(_: int) -> int:
+        (tmp_path / str(os.getpid())).touch()
+        until = time.monotonic() + 20.0
+        while len(list(tmp_path.iterdir())) < 2 and time.monotonic() < until:
+            time.sleep(0.005)
+        return os.getpid()
+
+    done_by = in_processes(meets_another, range(6))
     assert len(set(done_by)) == 2
     assert os.getpid() in done_by
 
@@ -59,21 +66,19 @@ def test_one_thread_means_one_process(monkeypatch):
     assert set(in_processes(lambda _: longer(0.001), range(4))) == {os.getpid()}
 
 
-def test_small_pieces_are_not_worth_a_process():
+@pytest.mark.parametrize(('seconds', 'divided'), [(0.001, False), (0.1, True)])
+def test_pieces_are_worth_a_process_by_what_they_took_the_last_time(monkeypatch, seconds, divided):
     def work(_: int) -> int:
         return os.getpid()
 
-    in_processes(work, range(4))  # nobody knows yet
-    assert set(in_processes(work, range(4))) == {os.getpid()}
-
-
-def test_pieces_that_become_large_are_worth_one_again():
-    def work(seconds: float) -> int:
-        return longer(seconds)
-
-    for seconds in (0.0, 0.0, 0.1):
-        in_processes(work, [seconds] * 4)
-    assert len(set(in_processes(work, [0.1] * 4))) == 2
+    asked = []
+    monkeypatch.setattr(
+        processes, '_divided', lambda f, items, _: asked.append(list(map(f, items)))
+    )
+    monkeypatch.setitem(processes._seconds, work.__code__, seconds)
+    in_processes(work, range(4))
+    assert bool(asked) is divided
+    assert processes._seconds[work.__code__] != seconds  # but what it took now
 
 
 def test_what_both_sides_have_is_the_same_object_here():

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import contextvars
 import functools
 import os
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
@@ -24,17 +23,12 @@ _MOST = 4  # threads: what is not compiled has to wait for its turn
 _here = threading.local()
 
 
-def _begin() -> None:
-    _here.is_worker = True
-
-
-@contextlib.contextmanager
-def as_worker() -> Iterator[None]:
-    """Within this context everything in this thread is done one after another."""
+def as_worker(work: Callable[[_Item], _Result], item: _Item) -> _Result:
+    """``work`` on an item, within which everything is done in this thread, one after another."""
     before = is_worker()
     _here.is_worker = True
     try:
-        yield
+        return work(item)
     finally:
         _here.is_worker = before
 
@@ -66,7 +60,7 @@ def _cores() -> int:
 
 @functools.cache
 def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, 'impactscope', _begin)
+    return ThreadPoolExecutor(threads, 'impactscope')
 
 
 def in_parallel(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Result]:
@@ -79,4 +73,4 @@ def in_parallel(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> lis
     if len(items) < 2 or is_worker() or workers() < 2:
         return [work(i) for i in items]
     here = contextvars.copy_context()  # with the time that is left
-    return list(_pool(workers()).map(lambda item: here.copy().run(work, item), items))
+    return list(_pool(workers()).map(lambda i: here.copy().run(as_worker, work, i), items))

@@ -38,7 +38,7 @@ _NO_MORE = -1
 _OURS = 'impactscope.'  # modules whose objects are looked into
 _ABLE = sys.platform == 'linux'  # elsewhere libraries may not survive a fork
 _ATOMS = frozenset((type(None), bool, int, float, complex, str, bytes))
-_seconds: dict[object, float] = {}  # that a piece took the last time, by the code of its work
+_seconds: dict[object, float] = {}  # of a piece, the last time, by the code of its work
 
 
 def in_processes(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Result]:
@@ -51,12 +51,18 @@ def in_processes(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> li
     many = min(workers(), len(items))
     if many < 2 or is_worker() or len(items) > _MOST or not _ABLE:
         return in_parallel(work, items)
-    code = _code(work)
+    code, spent = _code(work), []
+
+    def timed(item: _Item) -> _Result:
+        begun = time.monotonic()
+        result = work(item)
+        spent.append(time.monotonic() - begun)
+        return result
+
     divided = _seconds.get(code, _WORTH) * len(items) >= _WORTH
-    begun = time.monotonic()
-    done = _divided(work, items, many - 1) if divided else in_parallel(work, items)
-    taken = time.monotonic() - begun
-    _seconds[code] = taken * (many if divided else 1) / len(items)
+    done = _divided(timed, items, many - 1) if divided else in_parallel(timed, items)
+    if spent:  # of the pieces that were done here
+        _seconds[code] = sum(spent) / len(spent)
     return done
 
 
@@ -92,7 +98,7 @@ def _divided(
             done.update((i, shared.unpacked(one)) for i, one in sent.items())
             leave_out(steps)
     left = [i for i in range(len(items)) if i not in done]
-    done.update((i, _alone(work, items[i])) for i in left)
+    done.update((i, as_worker(work, items[i])) for i in left)
     return [done[i] for i in range(len(items))]
 
 
@@ -100,13 +106,7 @@ def _worked(
     work: Callable[[_Item], _Result], items: Sequence[_Item], numbers: int
 ) -> Iterator[tuple[int, _Result]]:
     while (i := _NUMBER.unpack(os.read(numbers, _NUMBER.size))[0]) != _NO_MORE:
-        yield i, _alone(work, items[i])
-
-
-def _alone(work: Callable[[_Item], _Result], item: _Item) -> _Result:
-    """A piece of work as a worker does it: nothing within it is divided again."""
-    with as_worker():
-        return work(item)
+        yield i, as_worker(work, items[i])
 
 
 def _helper(

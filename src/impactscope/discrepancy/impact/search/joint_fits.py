@@ -241,10 +241,10 @@ class JointFits:
         def best(candidate: Candidate) -> tuple[list[Trial], Remembered]:
             return screening.best(candidate), self.remembered.about(candidate.label)
 
-        looks = in_processes(best, listed)
-        for _, learnt in looks:  # perhaps in another process
+        told = in_processes(best, listed)
+        for _, learnt in told:  # perhaps in another process
             self.remembered.learn(learnt)
-        tried = [found for found, _ in looks if found]
+        tried = [found for found, _ in told if found]
         self.tried = screening.residual, [t for found in tried for t in found]
         tried.sort(key=lambda found: found[0].gain, reverse=True)
 
