@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_triangular, toeplitz
-from scipy.signal import butter, welch
+from scipy.signal import butter, sosfiltfilt, welch
 
 from impactscope.proof.conditions import draw_scenario
 from impactscope.proof.detectability import Freedom
@@ -192,3 +192,17 @@ def test_a_filter_is_that_of_its_stated_corner_however_high_it_is(cutoff, order,
     above, below = butter(order, 1.0, analog=True)
     once = np.polyval(above, 1j * frequency / cutoff) / np.polyval(below, 1j * frequency / cutoff)
     assert got == pytest.approx(abs(once) ** 2 if zero_phase else once, abs=2e-4)
+
+
+@pytest.mark.parametrize('order', [1, 2, 3, 4])
+def test_a_recording_that_ends_in_motion_has_no_more_at_its_end_than_programs_leave(order):
+    """Where the filter has long forgotten: the continued end is a straight line to it."""
+    rate, finer, cutoff = 25.6e3, 13, 2e3
+    t = np.arange(int(0.05 * rate) * finer) / (rate * finer)
+    signal = 8.0 * np.sin(2.0 * np.pi * 30.0 * t)
+    chain = Chain(cutoff=cutoff, order=order, zero_phase=True)
+    fine = _filtered(signal, chain, rate * finer, finer)[::finer]
+    usual = sosfiltfilt(butter(order, cutoff, fs=rate, output='sos'), signal[::finer])
+    last = slice(-20, None)
+    apart = np.abs(fine - signal[::finer])[last].max()
+    assert apart < 2.0 * np.abs(usual - signal[::finer])[last].max() + 1e-3

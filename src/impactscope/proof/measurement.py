@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -54,6 +54,7 @@ RELEASE = 0.01  # s, in which the pendulum is let go
 FINE_RATE = 40e3  # Hz at least, at which what is slow in a chain is followed
 FAST_RATE = 320e3  # likewise low passes: blows on metal are over within a millisecond
 REPEATABLE = 1e-4  # of an impact speed: what no bench repeats and no two simulations agree on
+_CONTINUED = 3  # samples beyond an end, over the coefficients of a filter; the usual number
 _SETTLING = 1.0  # s in which an axis comes to rest before its recording begins
 _REACH = 1e-3  # s around a sample in which a contact may fall
 
@@ -79,9 +80,10 @@ def noise_free(blow: Blow, scenario: Scenario) -> dict[str, Array]:
         stamps = np.arange(math.ceil(blow.duration * rate)) / rate
         signals = _signals(blow, stamps + offset + drift * stamps, names)
         for name, signal in signals.items():
-            coarse = _filtered(signal, scenario.chains[name], rate)[:: factors[name]]
-            t = stamps[:: factors[name]]
-            result[name] = _shifted(coarse, t, scenario.chains[name], blow.hum_phase)
+            chain, finer = scenario.chains[name], factors[name]
+            coarse = _filtered(signal, chain, rate, finer)[::finer]
+            t = stamps[::finer]
+            result[name] = _shifted(coarse, t, chain, blow.hum_phase)
     return {name: result[name] for name in scenario.channels}
 
 
@@ -202,14 +204,23 @@ def _sections(order: int, cutoff: float, rate: float) -> Array:
     return high
 
 
-def _filtered(signal: Array, chain: Chain, rate: float) -> Array:
+def _filtered(signal: Array, chain: Chain, rate: float, finer: int = 1) -> Array:
+    """A signal at a rate that is so many times that of its channel, after all that is slow.
+
+    What runs backwards over a recording continues its ends: as far as a program does that has the
+    channel's samples. The same number of finer ones would end before the filter has forgotten it.
+    """
     if not (chain.cutoff or chain.corner or chain.resonance):
         return signal
     begin = signal[0]  # what was there for long has passed, or decayed behind AC coupling
     signal = signal - begin
     if chain.cutoff > 0:
-        run: Callable[..., Array] = sosfiltfilt if chain.zero_phase else sosfilt
-        signal = run(_sections(chain.order, chain.cutoff, rate), signal)
+        sections = _sections(chain.order, chain.cutoff, rate)
+        if chain.zero_phase:
+            beyond = min(_CONTINUED * (chain.order + 1) * finer, signal.size - 1)
+            signal = sosfiltfilt(sections, signal, padlen=beyond)
+        else:
+            signal = sosfilt(sections, signal)
     if chain.resonance > 0:
         omega = 2 * np.pi * chain.resonance_frequency
         swing = bilinear([omega**2], [1.0, 0.06 * omega, omega**2], fs=rate)
