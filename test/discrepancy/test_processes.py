@@ -6,6 +6,7 @@ import os
 import signal
 import time
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -64,6 +65,14 @@ def test_results_come_in_the_order_of_the_items(many):
 def test_one_thread_means_one_process(monkeypatch):
     monkeypatch.setenv(THREADS, '1')
     assert set(in_processes(lambda _: longer(0.001), range(4))) == {os.getpid()}
+
+
+def test_a_core_may_come_free_again_and_again(monkeypatch):
+    """A helper that finds nothing to do ends at once; another may be begun after every piece."""
+    monkeypatch.setattr(processes, '_any', lambda _: True)
+    assert in_processes(lambda i: longer(0.01) and i, range(12)) == list(range(12))
+    short_last = (0.3, *[0.001] * 8)
+    assert in_processes(lambda s: longer(s) and s, short_last) == list(short_last)
 
 
 @pytest.mark.parametrize(('seconds', 'divided'), [(0.001, False), (0.1, True)])
@@ -152,13 +161,79 @@ def test_without_room_for_a_process_all_is_done_here(monkeypatch):
     assert set(in_processes(lambda _: longer(), range(4))) == {os.getpid()}
 
 
-@pytest.mark.parametrize('divided', [in_processes, in_parallel])
-def test_work_within_work_is_not_divided(divided):
+def test_threads_have_none_of_their_own():
     def outer(_: int) -> bool:
         longer()
-        return set(divided(lambda _: longer(0.001), range(4))) == {os.getpid()}
+        return set(in_parallel(lambda _: longer(0.001), range(4))) == {os.getpid()}
 
     assert all(in_processes(outer, range(4)))
+
+
+@pytest.mark.parametrize('long_one', [0, 1])
+def test_a_core_with_nothing_left_to_do_helps_within_a_long_piece(tmp_path, long_one):
+    """Whoever has the long piece, this process or the other one."""
+
+    def outer(i: int) -> set[int]:
+        (tmp_path / str(i)).touch()
+        until = time.monotonic() + 20.0
+        while len(list(tmp_path.iterdir())) < 2 and time.monotonic() < until:
+            time.sleep(0.005)
+        return set(in_processes(lambda _: longer(), range(40))) if i == long_one else set()
+
+    assert len(in_processes(outer, range(2))[long_one]) == 2
+
+
+def test_no_more_processes_are_at_work_than_cores(tmp_path, monkeypatch):
+    monkeypatch.setenv(THREADS, '3')
+
+    def at_work(_: int) -> int:
+        mine = tmp_path / f'{os.getpid()}.{time.monotonic_ns()}'
+        mine.touch()
+        longer(0.03)
+        many = len(list(tmp_path.iterdir()))
+        mine.unlink()
+        return many
+
+    def outer(i: int) -> int:
+        return max(in_processes(at_work, range(2 + 6 * (i % 3))))
+
+    for _ in range(2):
+        assert 1 < max(in_processes(outer, range(7))) <= 3
+
+
+def test_helpers_of_helpers_end_with_them(tmp_path):
+    """An error here: nobody asks any more for what they are at."""
+    here = os.getpid()
+
+    def endless(_: int) -> None:
+        (tmp_path / str(os.getpid())).touch()
+        time.sleep(60.0)
+
+    def outer(_: int) -> None:
+        if os.getpid() == here:
+            until = time.monotonic() + 20.0
+            while len(list(tmp_path.iterdir())) < 2 and time.monotonic() < until:
+                time.sleep(0.005)
+            raise ImpactscopeError('this one')
+        in_processes(endless, range(3))
+
+    with pytest.raises(ImpactscopeError, match='this one'), processes._idle_cores(2) as idle:
+        processes._divided(outer, range(2), idle)
+    begun = [int(f.name) for f in tmp_path.iterdir()]
+    assert len(begun) == 2
+    until = time.monotonic() + 20.0
+    while any(running(pid) for pid in begun) and time.monotonic() < until:
+        time.sleep(0.005)
+    assert not any(running(pid) for pid in begun)
+
+
+def running(pid: int) -> bool:
+    """Whether there is such a process, and no more than its entry."""
+    try:
+        state = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != 'Z'
 
 
 def test_what_was_learnt_of_a_candidate_is_taken_over():

@@ -9,11 +9,14 @@ have is sent as its number, so that a result refers to the objects that are here
 from __future__ import annotations
 
 import contextlib
+import contextvars
+import ctypes
 import functools
 import gc
 import io
 import os
 import pickle
+import select
 import signal
 import struct
 import sys
@@ -34,8 +37,8 @@ _Result = TypeVar('_Result')
 _WORTH = 0.15  # s of one process, below which another costs more than it saves
 _MOST = 8192  # items whose numbers a pipe can hold
 _NUMBER = struct.Struct('=i')
-_NO_MORE = -1
 _OURS = 'impactscope.'  # modules whose objects are looked into
+_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
 _ABLE = sys.platform == 'linux'  # elsewhere libraries may not survive a fork
 _ATOMS = frozenset((type(None), bool, int, float, complex, str, bytes))
 _seconds: dict[object, float] = {}  # of a piece, the last time, by the code of its work
@@ -47,9 +50,12 @@ def in_processes(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> li
     What ``work`` changes of what it was given may be lost: it returns all that is of use. An
     error of any item is raised. Where pieces of this work are small or no process can be forked,
     all is done as in :func:`.parallel.in_parallel`; and what a process could not send back, here.
+    Within a piece of work it is the same again, on cores that nothing else has: one piece that
+    takes far longer than the others does not leave them idle.
     """
-    many = min(workers(), len(items))
-    if many < 2 or is_worker() or len(items) > _MOST or not _ABLE:
+    idle = _idle.get()
+    able = workers() > 1 if idle is None and not is_worker() else idle is not None
+    if len(items) < 2 or not able or len(items) > _MOST or not _ABLE:
         return in_parallel(work, items)
     code, spent = _code(work), []
 
@@ -59,8 +65,13 @@ def in_processes(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> li
         spent.append(time.monotonic() - begun)
         return result
 
-    divided = _seconds.get(code, _WORTH) * len(items) >= _WORTH
-    done = _divided(timed, items, many - 1) if divided else in_parallel(timed, items)
+    if _seconds.get(code, _WORTH) * len(items) < _WORTH:
+        done = in_parallel(timed, items)
+    elif idle is not None:
+        done = _divided(timed, items, idle)
+    else:
+        with _idle_cores(workers() - 1) as others:
+            done = _divided(timed, items, others)
     if spent:  # of the pieces that were done here
         _seconds[code] = sum(spent) / len(spent)
     return done
@@ -74,29 +85,93 @@ def _code(work: Callable[..., Any]) -> object:
     return getattr(work, '__code__', type(work))
 
 
+class _Idle:
+    """Cores that nothing works on, seen by all processes of a search: a byte each in a pipe."""
+
+    def __init__(self, cores: int) -> None:
+        self.waiting, self.free = os.pipe()
+        os.set_blocking(self.waiting, False)
+        self.owed = 0  # cores on which this process went on without
+        os.write(self.free, bytes(cores))
+
+    def take(self) -> bool:
+        """Whether there was one; it is this process's now."""
+        with contextlib.suppress(BlockingIOError):
+            return bool(os.read(self.waiting, 1))
+        return False
+
+    def give(self) -> None:
+        """One is free again."""
+        if self.owed:
+            self.owed -= 1
+        else:
+            os.write(self.free, bytes(1))
+
+    @contextlib.contextmanager
+    def meanwhile(self) -> Iterator[None]:
+        """Another process may have this one's core while it waits."""
+        self.give()
+        try:
+            yield
+        finally:
+            self.owed += not self.take()
+
+    def close(self) -> None:
+        """Nobody needs it any more."""
+        os.close(self.waiting)
+        os.close(self.free)
+
+
+_idle: contextvars.ContextVar[_Idle | None] = contextvars.ContextVar('idle_cores', default=None)
+
+
+@contextlib.contextmanager
+def _idle_cores(many: int) -> Iterator[_Idle]:
+    """Within this context work may be divided among so many cores beside this process's."""
+    cores = _Idle(many)
+    token = _idle.set(cores)
+    try:
+        yield cores
+    finally:
+        _idle.reset(token)
+        cores.close()
+
+
 def _divided(
-    work: Callable[[_Item], _Result], items: Sequence[_Item], helpers: int
+    work: Callable[[_Item], _Result], items: Sequence[_Item], idle: _Idle
 ) -> list[_Result]:
     """``work`` on items that this process and its helpers take one by one."""
-    shared = _Shared((work, items))
     numbers, feed = os.pipe()
-    end = [_NO_MORE] * (helpers + 1)
-    os.write(feed, b''.join(map(_NUMBER.pack, (*range(len(items)), *end))))
+    os.write(feed, b''.join(map(_NUMBER.pack, range(len(items)))))
     os.close(feed)
+    os.set_blocking(numbers, False)  # who finds it empty does not wait for more
     done: dict[int, _Result] = {}
     with contextlib.ExitStack() as ends:
         ends.callback(os.close, numbers)
-        begun = []
-        with contextlib.suppress(OSError):  # no room for a further process
-            for _ in range(helpers):
-                pid, results = _helper(work, items, numbers, shared)
+        shared = functools.cache(lambda: _Shared((work, items)))
+        begun: list[int] = []
+
+        def ask(left: int) -> None:
+            """Begin a helper on each idle core, where so many items are left for it and for us."""
+            while left > 1 and _any(numbers) and idle.take():
+                try:
+                    pid, results = _helper(work, items, numbers, shared(), idle)
+                except OSError:  # no room for a further process
+                    idle.give()
+                    return
                 ends.callback(_end, pid, results)
                 begun.append(results)
-        done.update(_worked(work, items, numbers))
-        for results in begun:
-            sent, steps = _received(results)
-            done.update((i, shared.unpacked(one)) for i, one in sent.items())
-            leave_out(steps)
+                left -= 1
+
+        ask(len(items))
+        for i, result in _worked(work, items, numbers):
+            done[i] = result
+            ask(len(items) - 1 - i)
+        with idle.meanwhile() if begun else contextlib.nullcontext():
+            for results in begun:
+                sent, steps = _received(results)
+                done.update((i, shared().unpacked(one)) for i, one in sent.items())
+                leave_out(steps)
     left = [i for i in range(len(items)) if i not in done]
     done.update((i, as_worker(work, items[i])) for i in left)
     return [done[i] for i in range(len(items))]
@@ -105,28 +180,59 @@ def _divided(
 def _worked(
     work: Callable[[_Item], _Result], items: Sequence[_Item], numbers: int
 ) -> Iterator[tuple[int, _Result]]:
-    while (i := _NUMBER.unpack(os.read(numbers, _NUMBER.size))[0]) != _NO_MORE:
+    while number := _taken(numbers):
+        (i,) = _NUMBER.unpack(number)
         yield i, as_worker(work, items[i])
 
 
+def _taken(numbers: int) -> bytes:
+    """The number of an item that nobody else takes; nothing where none is left."""
+    with contextlib.suppress(BlockingIOError):
+        return os.read(numbers, _NUMBER.size)
+    return b''
+
+
+def _any(numbers: int) -> bool:
+    """Whether anything is left in a pipe."""
+    poll = select.poll()
+    poll.register(numbers, select.POLLIN)
+    return any(event & select.POLLIN for _, event in poll.poll(0))
+
+
 def _helper(
-    work: Callable[[Any], Any], items: Sequence[Any], numbers: int, shared: _Shared
+    work: Callable[[Any], Any], items: Sequence[Any], numbers: int, shared: _Shared, idle: _Idle
 ) -> tuple[int, int]:
     """A process that takes items until none is left; its number, and where its results come."""
     results, sending = os.pipe()
-    with warnings.catch_warnings():
-        # other threads may hold locks for ever in there: it computes, and needs none of theirs
-        warnings.simplefilter('ignore', DeprecationWarning)
-        pid = os.fork()
+    asking = os.getpid()
+    try:
+        with warnings.catch_warnings():
+            # other threads may hold locks for ever in there: it computes, and needs none of theirs
+            warnings.simplefilter('ignore', DeprecationWarning)
+            pid = os.fork()
+    except OSError:
+        os.close(results)
+        os.close(sending)
+        raise
     if pid == 0:
         try:
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # the asking process tells
+            _end_with(asking)
             gc.freeze()  # a look at what is here would copy all of it
-            _send(work, items, numbers, shared, sending)
+            idle.owed = 0
+            _send(work, items, numbers, shared, idle, sending)
         finally:
             os._exit(0)
     os.close(sending)
     return pid, results
+
+
+def _end_with(asking: int) -> None:
+    """This process ends when the one that asked for it does, which may itself be a helper."""
+    with contextlib.suppress(AttributeError, OSError):
+        ctypes.CDLL(None).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    if os.getppid() != asking:  # it has ended before
+        os._exit(0)
 
 
 def _send(
@@ -134,6 +240,7 @@ def _send(
     items: Sequence[Any],
     numbers: int,
     shared: _Shared,
+    idle: _Idle,
     sending: int,
 ) -> None:
     """Do and send what can be done and sent; the asking process does the rest, and its errors."""
@@ -145,6 +252,7 @@ def _send(
         return None
 
     sent.update((i, p) for i, p in _worked(attempted, items, numbers) if p is not None)
+    idle.give()  # the asking process may be at work for long before it takes what is sent
     with os.fdopen(sending, 'wb') as file:
         pickle.dump((sent, left_out()), file, pickle.HIGHEST_PROTOCOL)
 

@@ -265,8 +265,7 @@ def _searched(
     if left:
         outcome = _by_other_names(search, outcome, baseline, others)
     elif outcome.accepted:
-        for model in others:
-            outcome = search.with_convention(outcome, model)
+        outcome = search.with_conventions(outcome, others)
     outcome.tests = None  # of what is left now
     progress(0.9, 'held-out recordings')
     search.check(outcome)
@@ -286,7 +285,7 @@ def _by_other_names(
         return outcome
     other = functools.reduce(further, known)
     if _same(other, baseline):
-        return search.with_convention(outcome, other.model) if outcome.accepted else outcome
+        return search.with_conventions(outcome, [other.model]) if outcome.accepted else outcome
     if _far_behind(other, baseline):
         return outcome
     both = (outcome, search.run(with_later_cuts(other)))

@@ -13,6 +13,7 @@ taken, first for the baseline and again where something was found.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 
@@ -83,10 +84,12 @@ def with_likelier(baseline: Fit) -> Fit:
     """
     others = other_conventions(baseline)
     best = baseline
-    for model in others:
-        near = fit(model, baseline.layout, baseline.x)
+    most = baseline.chi_square
+    for near in in_processes(
+        lambda model: fit(model, baseline.layout, baseline.x, most=most), others
+    ):
         # steep contacts that are not met at all are met no better by chance
-        told = near.reduced < _SOUND or _same_contact(model, baseline.model)
+        told = near.reduced < _SOUND or _same_contact(near.model, baseline.model)
         if told and near.chi_square < best.chi_square:
             best = near
     if follows_all(best):
@@ -113,7 +116,7 @@ def _by_first_bounces(best: Fit, known: Mapping[tuple[float, ...], Fit]) -> Fit:
         return best
     short = in_processes(lambda m: known.get(_choices(m)) or _begun_or_none(m), models)
     for window in _FIRST_BOUNCES:
-        grown = [None if s is None else follow(s, window) for s in short]
+        grown = in_processes(functools.partial(_follow, window=window), short)
         sound = [g for g in grown if g is not None and g.layout.window >= window]
         sound.sort(key=lambda g: g.reduced)
         if not sound or sound[0].reduced > QUIET:
@@ -132,6 +135,10 @@ def _begun_or_none(model: ImpactModel) -> Fit | None:
         return begun(model)
     except ImpactscopeError:
         return None
+
+
+def _follow(short: Fit | None, window: float) -> Fit | None:
+    return None if short is None else follow(short, window)
 
 
 def _choices(model: ImpactModel) -> tuple[float, ...]:

@@ -198,15 +198,22 @@ class Search:
         outcome.final = self._doubted(current, outcome)
         return self._finished(outcome)
 
-    def with_convention(self, outcome: Outcome, taken: ImpactModel) -> Outcome:
-        """What was found, the names taken as in ``taken``, where that explains it as well.
+    def with_conventions(self, outcome: Outcome, ways: Sequence[ImpactModel]) -> Outcome:
+        """What was found, the names taken as in one of ``ways`` where that explains it as well.
 
         A finding that only made up for the choice is not needed there.
         """
+        fits = in_processes(lambda taken: _taken_so(outcome, taken), ways)
+        first = outcome
+        for taken, fitted in zip(ways, fits, strict=True):
+            known = fitted if outcome is first else _taken_so(outcome, taken)
+            outcome = self._with_convention(outcome, *known)
+        return outcome
+
+    def _with_convention(self, outcome: Outcome, other: Fit, cold: Fit | None) -> Outcome:
         final = outcome.final
-        other = fit(with_conventions_of(final.model, taken), final.layout, final.x, near=final)
         if other.reduced > _TELLING * final.reduced:
-            return self._from_the_other(outcome, taken)
+            return self._from_the_other(outcome, cold)
         if other.chi_square > final.chi_square + _LEAST_GAIN:
             return outcome
         model = with_conventions_of(outcome.baseline.model, other.model)
@@ -223,16 +230,9 @@ class Search:
         )
         return _likelier_way(outcome, self._finished(swung))
 
-    def _from_the_other(self, outcome: Outcome, taken: ImpactModel) -> Outcome:
-        """The search from a baseline taken otherwise from the start, if it needs nothing else.
-
-        Bounces that one choice has bent the numbers to meet may be met by the other with numbers
-        to which no fit leads from these.
-        """
-        if not time_left('a cold start with names taken otherwise'):
-            return outcome
+    def _from_the_other(self, outcome: Outcome, cold: Fit | None) -> Outcome:
+        """The search from a baseline taken otherwise from the start, if it needs nothing else."""
         final = outcome.final
-        cold = fit_unless_far_behind(with_conventions_of(outcome.baseline.model, taken), final)
         if cold is None:
             return outcome
         added = len(final.model.free) - len(outcome.baseline.model.free)
@@ -644,6 +644,23 @@ class Search:
                 outcome.held_out_final = predicted
 
 
+def _taken_so(outcome: Outcome, taken: ImpactModel) -> tuple[Fit, Fit | None]:
+    """What was found with the names taken as in ``taken``; the baseline from a cold start, too.
+
+    Bounces that one choice has bent the numbers to meet may be met by the other with numbers
+    to which no fit leads from these: the second where the first is far off, else None.
+    """
+    final = outcome.final
+    most = _TELLING * final.chi_square
+    model = with_conventions_of(final.model, taken)
+    other = fit(model, final.layout, final.x, near=final, most=most)
+    far = other.reduced > _TELLING * final.reduced
+    if not far or not time_left('a cold start with names taken otherwise'):
+        return other, None
+    model = with_conventions_of(outcome.baseline.model, taken)
+    return other, fit_unless_far_behind(model, final)
+
+
 def _likelier_way(outcome: Outcome, swung: Outcome) -> Outcome:
     """Of two ways to take the names what fitted and held-out recordings are met by better.
 
@@ -772,8 +789,15 @@ def _likelier(found: Fit, outcome: Outcome) -> Fit:
     When it was taken for the baseline something large may have been missing.
     """
     best = found
-    for model in other_conventions(found):
-        other = fit(model, found.layout, found.x, settled=_ROUGHLY, near=found, fresh=False)
+
+    def roughly(model: ImpactModel) -> Fit:
+        most = found.chi_square + _FAR_BEHIND
+        return fit(
+            model, found.layout, found.x, settled=_ROUGHLY, near=found, fresh=False, most=most
+        )
+
+    models = other_conventions(found)
+    for model, other in zip(models, in_processes(roughly, models), strict=True):
         if other.chi_square > best.chi_square + _FAR_BEHIND:
             continue
         other = fit(model, found.layout, other.x)

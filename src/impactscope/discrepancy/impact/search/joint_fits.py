@@ -186,7 +186,10 @@ class JointFits:
             if begins:
                 nearer = min(begins, key=lambda f: f.chi_square)
                 with contextlib.suppress(ImpactscopeError):
-                    joint = fit(model, current.layout, nearer.x, settled=0.1, near=current)
+                    most = current.chi_square
+                    joint = fit(
+                        model, current.layout, nearer.x, settled=0.1, near=current, most=most
+                    )
                     return weigh(candidate, joint, current, looks)
             return None
 

@@ -50,6 +50,7 @@ _SEEN = 60.0  # of chi-square, that a candidate must gain on the taps
 _SAME_UNIT = 12  # starts from numbers of the same unit
 _MET = 2.0  # reduced chi-square of the first contacts, up to which a candidate meets them
 _REFINED = 2  # starts of a candidate that are refined
+_GO_ON = 4  # of these that are fitted further, the lowest ones
 _APART = (0.002, 0.005, 0.012, 0.4)  # of a finding: between a fuller law's two numbers for it
 
 
@@ -286,23 +287,25 @@ def from_within(
     model = fuller.extend(without)
     (size,) = (leader.values[key] for key in plain.amplitudes)
 
-    def fitted(begin: tuple[Mapping[str, float], float]) -> Fit:
+    def begun(begin: tuple[Mapping[str, float], float]) -> Fit | None:
         start, apart = begin
         numbers = {**leader.values, **start}
         amounts = sorted(fuller.amplitudes, key=lambda key: -start.get(key, 0.0))
         for key, sign in zip(amounts, (1.0, -1.0), strict=False):
             numbers[key] = size * (1.0 + sign * apart)
-        best = leader
-        with contextlib.suppress(ImpactscopeError):
-            first = fit(model, leader.layout, model.vector(numbers), iterations=12)
-            # friction turns round in single samples: its chi-square is rough
-            best = min(best, first, key=lambda f: f.chi_square)
-            again = fit(model, leader.layout, first.x, iterations=12)
-            best = min(best, again, key=lambda f: f.chi_square)
-        return best
+        return fitted(model.vector(numbers))
 
-    tried = in_processes(fitted, list(itertools.product(fuller.starts, _APART)))
-    best = min([leader, *tried], key=lambda f: f.chi_square)
+    def fitted(x: Array) -> Fit | None:
+        with contextlib.suppress(ImpactscopeError):
+            return fit(model, leader.layout, x, iterations=12)
+        return None
+
+    tried = in_processes(begun, list(itertools.product(fuller.starts, _APART)))
+    rough = sorted((f for f in tried if f is not None), key=lambda f: f.chi_square)
+    # friction turns round in single samples: its chi-square is rough
+    again = in_processes(fitted, [f.x for f in rough[:_GO_ON]])
+    found = [leader, *rough, *(f for f in again if f is not None)]
+    best = min(found, key=lambda f: f.chi_square)
     return None if best is leader else best
 
 
