@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ from impactscope.discrepancy.impact.candidates.candidate import Candidate, stron
 from impactscope.discrepancy.impact.candidates.catalogue import candidates
 from impactscope.discrepancy.impact.data.blows import prepare
 from impactscope.discrepancy.impact.fits.growing_windows import fit_baseline
+from impactscope.discrepancy.impact.fits.least_squares import projector
 from impactscope.discrepancy.impact.models.baseline import baseline_model
 from impactscope.discrepancy.impact.models.bench_model import Free, ImpactModel
 from impactscope.discrepancy.impact.search.screening import Screening
@@ -123,6 +125,33 @@ def test_a_filter_before_sampling_is_tried_as_weak_as_it_may_be(make_campaign):
     best, _ = Screening(baseline).best(far)
     assert best.weak[far.free[0].key] > 2.0 * max(s[far.free[0].key] for s in far.starts)
     assert -5.0 < best.gain < 5.0
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_filter_goes_on_from_where_it_explained_most(make_campaign, monkeypatch, sign):
+    """Far weaker it is of another shape: what that would be scaled to tells nothing."""
+    campaign = make_campaign(21)
+    baseline = fit_baseline(baseline_model(campaign, prepare(campaign)))
+    label = 'low_pass_filter:acceleration.impactor of order 1, zero phase, before sampling'
+    (far,) = [c for c in candidates(baseline, ()) if c.label == label]
+    key, begun = far.free[0].key, far.starts[0][far.free[0].key]
+    basis, rng = projector(baseline.jacobian), np.random.default_rng(1)
+    strong, weak = rng.standard_normal((2, baseline.residuals.size))
+    strong, weak = (v - basis @ (basis.T @ v) for v in (strong, weak))
+    strong, weak = 60.0 * strong / np.linalg.norm(strong), weak / np.linalg.norm(weak)
+    weak *= -sign * np.sign(weak @ baseline.residuals)
+    missed = dataclasses.replace(
+        baseline, residuals=baseline.residuals + strong, slopes=baseline.jacobian
+    )
+
+    def filtered(_: Screening, model: ImpactModel, x: np.ndarray) -> np.ndarray:
+        effect = begun / model.values(x)[key]
+        return missed.residuals - min(1.0, effect**4) * strong + 5.0 * effect**2 * weak
+
+    monkeypatch.setattr(Screening, '_residuals', filtered)
+    best = Screening(missed).best(far)[0]
+    assert best.gain > 3000.0
+    assert best.model.values(best.x)[key] == pytest.approx(begun)
 
 
 def test_no_place_is_simulated_twice_for_one_trial(make_campaign, monkeypatch):

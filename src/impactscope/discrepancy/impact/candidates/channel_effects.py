@@ -17,9 +17,9 @@ __all__ = ['chain_candidates', 'cutoff_of', 'delay_of', 'delays_like', 'of_sever
 
 _FILTERS = ((1, 0), (2, 0), (4, 0), (1, 1), (2, 1), (4, 1))  # order, zero phase, tried at first
 _ALL_FILTERS = tuple((order, zero_phase) for zero_phase in (0, 1) for order in (1, 2, 3, 4))
-_ORDER_AHEAD = 2  # of a filter before sampling, tried at first
-# its cut-offs to start from, of the sampling rate, by whether it is without a phase
-_AHEAD = {0: (0.25, 0.7, 2.0), 1: (0.5, 1.0)}
+# filters before sampling, tried at first: order, zero phase, cut-offs to start from, of the
+# sampling rate; of one with a phase little more than its delay is seen, whatever its order
+_AHEAD = ((2, 0, (0.25, 0.7, 2.0)), (1, 1, (0.5, 1.0)), (2, 1, (0.5, 1.0)))
 _FAR = 100.0  # of the sampling rate, above which a filter does nothing that is seen
 _ORDER_DOUBT = 2.0  # for each order of a filter: the lowest that explains as much stands
 _DELAYS = {1: 1.0, 2: 1.4142, 3: 2.0, 4: 2.6131}  # of a Butterworth filter, over 1 / (2 pi cutoff)
@@ -41,9 +41,9 @@ def chain_candidates(kind: Mechanism, channel: str, scales: MotionScales) -> Ite
         cutoffs = [f for f in (30.0, 100.0, 300.0, 1000.0, 3000.0) if f < 0.9 * HIGHEST * rate]
         for order, zero_phase in _FILTERS:
             yield _low_pass(channel, order, zero_phase, rate, cutoffs)
-        for zero_phase, shares in _AHEAD.items():
+        for order, zero_phase, shares in _AHEAD:
             cutoffs = [share * rate for share in shares]
-            yield _low_pass_ahead(channel, _ORDER_AHEAD, zero_phase, rate, cutoffs)
+            yield _low_pass_ahead(channel, order, zero_phase, rate, cutoffs)
     elif kind.name == 'mains_hum':
         free = [Free(f'{tag}.frequency', 50.0, 0.02, 10.0, 1000.0)]
         free += [

@@ -184,6 +184,7 @@ class Screening:
         gain = self.power - float(left @ left)
         if not candidate.amplitudes:
             return Trial(candidate, gain, model, x)
+        most, seen = gain, x
         effect = float(np.linalg.norm(left - self.residual))
         for _ in range(_WEAKER):  # a strong trial says nothing of a weak effect
             if effect < _FELT:
@@ -197,22 +198,28 @@ class Screening:
             except ImpactscopeError:
                 break
             start, left = weaker, self._out(whole)
-            gain = max(gain, self.power - float(left @ left))
+            gain = self.power - float(left @ left)
+            if gain > most:
+                most, seen = gain, there
             effect = float(np.linalg.norm(left - self.residual))
         if self.remembered is not None:
             self.remembered.weak[place] = dict(start)
-        one_sided = self._one_sided(candidate, start)
+        gain, one_sided = most, self._one_sided(candidate, start)
         near = self.current.reduced < _NEAR
         exact = self._slope(candidate, model, start, whole, one_sided) if near else None
         if exact is not None:
             left = self.residual + exact
-            gain = 0.0  # of the trial itself: mostly what it bends, and fits straighten that
+            gain = most = (
+                0.0  # of the trial itself: mostly what it bends, and fits straighten that
+            )
         factor, linear = self._factor(left)
         if factor < 0.0 and one_sided:
             gain, linear, x = min(gain, 0.0), -math.inf, self.vector(model, start)
         else:
             factor = float(np.clip(factor, -_STRONGEST, _STRONGEST))
             x = self.vector(model, stronger(candidate, start, factor))
+        if math.inf in candidate.amplitudes.values() and most > max(linear, 0.0):
+            gain, x = most, seen  # a weaker one is of another shape
         if plain > max(gain, linear):
             gain, x = plain, begun  # whatever slopes say of a weaker one
         return Trial(
