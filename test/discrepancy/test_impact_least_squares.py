@@ -153,3 +153,32 @@ def test_what_is_cut_off_at_a_bound_does_not_end_a_fit():
     # the second is the best there is beside the first at its bound
     slope = 2.0 * slopes[:, 1] @ (slopes @ trial - wanted)
     assert slope == pytest.approx(0.0, abs=1e-12)
+
+
+class Winding(Bounce):
+    """A narrow valley that winds, above a floor that nothing explains; it counts its residuals."""
+
+    asked = 0
+
+    def blow_residuals(self, values, i, layout):
+        self.asked += 1
+        left = np.zeros(SIZE)
+        left[:2] = 1000.0 * (values['two'] - values['one'] ** 2), 100.0 * (1.0 - values['one'])
+        left[2:12] = 10.0
+        return left
+
+
+def test_a_fit_ends_that_does_not_come_to_where_its_numbers_are_of_use():
+    def ended(most):
+        model = Winding(0.0, 0.0)
+        found = fit(model, LAYOUT, np.array([-1.5, 1.5]), iterations=60, most=most)
+        return found, model.asked
+
+    whole, asked = ended(math.inf)
+    assert whole.chi_square == pytest.approx(1000.0, abs=1.0)
+    hopeless, fewer = ended(10.0)
+    assert not hopeless.converged
+    assert fewer < 0.6 * asked
+    reached, as_many = ended(1100.0)
+    assert as_many == asked
+    assert np.array_equal(reached.x, whole.x)

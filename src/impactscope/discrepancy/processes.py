@@ -4,6 +4,8 @@ A search holds the interpreter's lock about half of the time: one that takes 114
 two threads and takes 75 s with two processes. These are forked for each call, so they have
 everything as it is here, and are gone when it returns. Only results are sent back. What both sides
 have is sent as its number, so that a result refers to the objects that are here and not to copies.
+All processes of a search share the cores that are idle: whoever has work that can be divided takes
+what there is, also within a piece of other work.
 """
 
 from __future__ import annotations
@@ -54,7 +56,7 @@ def in_processes(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> li
     takes far longer than the others does not leave them idle.
     """
     idle = _idle.get()
-    able = workers() > 1 if idle is None and not is_worker() else idle is not None
+    able = idle is not None or (workers() > 1 and not is_worker())
     if len(items) < 2 or not able or len(items) > _MOST or not _ABLE:
         return in_parallel(work, items)
     code, spent = _code(work), []

@@ -209,9 +209,8 @@ class Screening:
         exact = self._slope(candidate, model, start, whole, one_sided) if near else None
         if exact is not None:
             left = self.residual + exact
-            gain = most = (
-                0.0  # of the trial itself: mostly what it bends, and fits straighten that
-            )
+            # of the trial itself: mostly what it bends, and fits straighten that
+            gain = most = 0.0
         factor, linear = self._factor(left)
         if factor < 0.0 and one_sided:
             gain, linear, x = min(gain, 0.0), -math.inf, self.vector(model, start)
