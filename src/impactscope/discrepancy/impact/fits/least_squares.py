@@ -46,8 +46,9 @@ _FELT = 3.0  # norm of the change of all residuals that a step shall make
 _TOO_FAR = 10.0  # times that, by which slopes are those of another place
 _REACH = 1.5  # of a logarithm, in one step: numbers that hardly tell go off to their bounds else
 _SETTLED = 0.02  # fall of chi-square, over its mean, below which a fit has converged
-_PACE = 5  # iterations from which it is told how fast chi-square falls ...
-_FASTER = 4.0  # ... and how much faster it may fall yet
+_HOPELESS = 100.0  # times the chi-square that is of use, from which a fit may be given up ...
+_PACE = 5  # ... by how fast it fell in more iterations than these ...
+_FASTER = 2.0  # ... and how much faster it may fall yet
 _UPDATED = 3  # steps in a row for which slopes are brought up to date and not taken anew
 _FAR_OFF = 4.0  # times the chi-square of a fit, from which a start is not close by
 _STRAIGHT = (0.3, 1.7)  # fall over the expected one, within which they are
@@ -303,8 +304,8 @@ def fit(
     ``settled``: fall of chi-square below which the fit has converged, in units of the reduced
     chi-square that is left: where the model misses by far, digits of chi-square tell nothing.
     ``near``: a fit close by, whose sensitivities serve for the first step unless it leads far off.
-    ``most``: chi-square above which its numbers are of no use: a fit ends where it does not come
-    down to that in the iterations that are left, be it much faster from now on.
+    ``most``: chi-square above which its numbers are of no use: a fit far above ends where it does
+    not come down to that in the iterations that are left, be it much faster from now on.
 
     Between full evaluations slopes are brought up to date by each step that went about as they
     said (Broyden, Math. Comp. 19, 1965); before a fit counts as converged they are taken anew,
@@ -322,11 +323,10 @@ def fit(
     rough = _rough(model, slopes)
     model = stepping(model, layout, slopes)
     damping, growth, converged = 1e-4, 2.0, False
-    costs: list[float] = []
+    begun = cost
     for done in range(iterations):
-        costs.append(cost)
-        if done > _PACE and cost > most:
-            pace = math.log(costs[-1 - _PACE] / cost) / _PACE
+        if done > _PACE and cost > _HOPELESS * most:
+            pace = math.log(begun / cost) / done
             if math.log(cost / most) > _FASTER * pace * (iterations - done):
                 break
         # on the way a fit that misses by far has to go on, however slowly it comes nearer
