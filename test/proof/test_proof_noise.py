@@ -196,7 +196,7 @@ def test_a_filter_is_that_of_its_stated_corner_however_high_it_is(cutoff, order,
 
 @pytest.mark.parametrize('order', [1, 2, 3, 4])
 def test_a_recording_that_ends_in_motion_has_no_more_at_its_end_than_programs_leave(order):
-    """Where the filter has long forgotten: the continued end is a straight line to it."""
+    """At a finer rate, too, the end is continued for as long as the filter remembers."""
     rate, finer, cutoff = 25.6e3, 13, 2e3
     t = np.arange(int(0.05 * rate) * finer) / (rate * finer)
     signal = 8.0 * np.sin(2.0 * np.pi * 30.0 * t)

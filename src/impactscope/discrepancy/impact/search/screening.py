@@ -165,10 +165,11 @@ class Screening:
         place = candidate.label, tuple(sorted(start.items()))
         known = None if self.remembered is None else self.remembered.weak.get(place)
         plain, begun = -math.inf, x  # fall of chi-square without any re-tuning, and where
+        # what does so far away is not in proportion to its number
+        vanishes = math.inf in candidate.amplitudes.values()
         whole: Array | None = None  # residuals, with everything that can be re-tuned
         try:
-            # what vanishes far away is not in proportion to its number
-            if known is None or math.inf in candidate.amplitudes.values():
+            if known is None or vanishes:
                 whole = self._residuals(model, x)
                 plain = float(self.current.residuals @ self.current.residuals - whole @ whole)
             if known is not None:
@@ -184,7 +185,7 @@ class Screening:
         gain = self.power - float(left @ left)
         if not candidate.amplitudes:
             return Trial(candidate, gain, model, x)
-        most, seen = gain, x
+        seen = self.vector(model, start)  # where it gains that
         effect = float(np.linalg.norm(left - self.residual))
         for _ in range(_WEAKER):  # a strong trial says nothing of a weak effect
             if effect < _FELT:
@@ -198,27 +199,29 @@ class Screening:
             except ImpactscopeError:
                 break
             start, left = weaker, self._out(whole)
-            gain = self.power - float(left @ left)
-            if gain > most:
-                most, seen = gain, there
+            gained = self.power - float(left @ left)
+            if gained > gain:
+                gain, seen = gained, there
             effect = float(np.linalg.norm(left - self.residual))
         if self.remembered is not None:
             self.remembered.weak[place] = dict(start)
-        gain, one_sided = most, self._one_sided(candidate, start)
+        one_sided = self._one_sided(candidate, start)
         near = self.current.reduced < _NEAR
         exact = self._slope(candidate, model, start, whole, one_sided) if near else None
         if exact is not None:
             left = self.residual + exact
-            # of the trial itself: mostly what it bends, and fits straighten that
-            gain = most = 0.0
+            gain = 0.0  # of the trial itself: mostly what it bends, and fits straighten that
         factor, linear = self._factor(left)
-        if factor < 0.0 and one_sided:
-            gain, linear, x = min(gain, 0.0), -math.inf, self.vector(model, start)
+        turned = factor < 0.0 and one_sided
+        if turned:
+            linear = -math.inf
+        if vanishes and gain > max(linear, 0.0):
+            x = seen  # a weaker one is of another shape
+        elif turned:
+            gain, x = min(gain, 0.0), self.vector(model, start)
         else:
             factor = float(np.clip(factor, -_STRONGEST, _STRONGEST))
             x = self.vector(model, stronger(candidate, start, factor))
-        if math.inf in candidate.amplitudes.values() and most > max(linear, 0.0):
-            gain, x = most, seen  # a weaker one is of another shape
         if plain > max(gain, linear):
             gain, x = plain, begun  # whatever slopes say of a weaker one
         return Trial(

@@ -50,8 +50,8 @@ _SEEN = 60.0  # of chi-square, that a candidate must gain on the taps
 _SAME_UNIT = 12  # starts from numbers of the same unit
 _MET = 2.0  # reduced chi-square of the first contacts, up to which a candidate meets them
 _REFINED = 2  # starts of a candidate that are refined
-_GO_ON = 4  # of these that are fitted further, the lowest ones
 _APART = (0.002, 0.005, 0.012, 0.4)  # of a finding: between a fuller law's two numbers for it
+_GO_ON = 4  # fits from there that are fitted further, the lowest ones
 
 
 def _rung(model: ImpactModel, blows: Sequence[int], length: float, window: float) -> Layout:
