@@ -38,6 +38,7 @@ _Result = TypeVar('_Result')
 
 _WORTH = 0.15  # s of one process, below which another costs more than it saves
 _MOST = 8192  # items whose numbers a pipe can hold
+_LOST = 0.5  # s, after which a core that is not given back was a helper's that was killed
 _NUMBER = struct.Struct('=i')
 _OURS = 'impactscope.'  # modules whose objects are looked into
 _PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
@@ -96,10 +97,12 @@ class _Idle:
         self.owed = 0  # cores on which this process went on without
         os.write(self.free, bytes(cores))
 
-    def take(self) -> bool:
-        """Whether there was one; it is this process's now."""
-        with contextlib.suppress(BlockingIOError):
-            return bool(os.read(self.waiting, 1))
+    def take(self, within: float = 0.0) -> bool:
+        """Whether there is one within so many s; it is this process's now."""
+        until = time.monotonic() + within
+        while _any(self.waiting, max(0.0, until - time.monotonic())):
+            with contextlib.suppress(BlockingIOError):  # another process was quicker
+                return bool(os.read(self.waiting, 1))
         return False
 
     def give(self) -> None:
@@ -116,7 +119,7 @@ class _Idle:
         try:
             yield
         finally:
-            self.owed += not self.take()
+            self.owed += not self.take(_LOST)
 
     def close(self) -> None:
         """Nobody needs it any more."""
@@ -194,11 +197,11 @@ def _taken(numbers: int) -> bytes:
     return b''
 
 
-def _any(numbers: int) -> bool:
-    """Whether anything is left in a pipe."""
+def _any(pipe: int, within: float = 0.0) -> bool:
+    """Whether anything is in a pipe, or comes within so many s."""
     poll = select.poll()
-    poll.register(numbers, select.POLLIN)
-    return any(event & select.POLLIN for _, event in poll.poll(0))
+    poll.register(pipe, select.POLLIN)
+    return any(event & select.POLLIN for _, event in poll.poll(1e3 * within))
 
 
 def _helper(
