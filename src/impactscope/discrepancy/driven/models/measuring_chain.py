@@ -19,6 +19,12 @@ from scipy.interpolate import BSpline, CubicSpline
 from impactscope.discrepancy.driven.models.even_spline import between_even_samples
 from impactscope.discrepancy.driven.models.terms import Term
 from impactscope.physics.mechanisms.ac_coupling import high_pass
+from impactscope.physics.mechanisms.low_pass_filter import (
+    forgets_by,
+    forwards,
+    forwards_and_backwards,
+    low_pass,
+)
 
 __all__ = [
     'HIGHEST_ORDER',
@@ -134,12 +140,19 @@ def _spectrum_of_longer(samples: Array, pad: int) -> tuple[NDArray[np.complex128
 
 def begins_in_motion(samples: Array) -> bool:
     """Whether samples, shape (n,), are not quiet at their beginning."""
-    return float(np.std(_first(samples))) >= STILL * float(np.std(samples))
+    return _spread(_first(samples)) >= STILL * _spread(samples)
 
 
 def in_motion(samples: Array) -> tuple[bool, bool]:
     """Whether samples, shape (n,), are not quiet at their beginning and at their end."""
-    return begins_in_motion(samples), begins_in_motion(samples[::-1])
+    moving = STILL * _spread(samples)
+    return _spread(_first(samples)) >= moving, _spread(_first(samples[::-1])) >= moving
+
+
+def _spread(samples: Array) -> float:
+    """Standard deviation; NumPy's takes several times as long for a few samples."""
+    apart = samples - np.add.reduce(samples) / samples.size
+    return math.sqrt(float(apart @ apart) / samples.size)
 
 
 def count_in_motion(recordings: Sequence[Array]) -> tuple[int, int]:
@@ -177,13 +190,7 @@ def _low_pass(order: int, cutoff: float, rate: float, *, smooth: bool = False) -
     if smooth:
         keep = math.exp(-2.0 * math.pi * cutoff / rate)
         return np.array([[1.0 - keep, 0.0, 0.0, 1.0, -keep, 0.0]])
-    return np.asarray(signal.butter(order, cutoff, fs=rate, output='sos'))
-
-
-@functools.lru_cache(maxsize=256)
-def _at_one(order: int, cutoff: float, rate: float, *, smooth: bool = False) -> Array:
-    """State of these sections where the samples have always been one."""
-    return np.asarray(signal.sosfilt_zi(_low_pass(order, cutoff, rate, smooth=smooth)))
+    return low_pass(order, cutoff, rate)
 
 
 @functools.lru_cache(maxsize=16)
@@ -215,9 +222,8 @@ def _filtered(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
         return _passed_before(order, cutoff, samples, rate, both=both)
     sections = _low_pass(order, cutoff, rate, smooth=smooths(term))
     if both:
-        return np.asarray(signal.sosfiltfilt(sections, samples))
-    begin = _at_one(order, cutoff, rate, smooth=smooths(term)) * _before(samples)
-    return np.asarray(signal.sosfilt(sections, samples, zi=begin)[0])
+        return forwards_and_backwards(sections, samples)
+    return forwards(sections, samples, _before(samples))
 
 
 def turned(term: Term, cutoff: float, samples: Array, rate: float) -> Array:
@@ -351,11 +357,11 @@ def _free(
     ``back``: after it has run backwards over that, too.
     """
     sections = _low_pass(order, cutoff, rate, smooth=smooth)
-    slowest = float(np.max(np.abs(signal.sos2zpk(sections)[1])))
-    most = min(count, 1 + int(-FORGOTTEN / math.log(slowest)))
+    most = min(count, 1 + int(-FORGOTTEN / math.log(forgets_by(sections))))
     used = (sections[:, [1, 2]] != 0.0) | (sections[:, [4, 5]] != 0.0)  # a section may be short
     begins = np.eye(2 * len(sections))[used.ravel()].reshape(-1, len(sections), 2)
-    rows = np.stack([signal.sosfilt(sections, np.zeros(most), zi=zi)[0] for zi in begins])
+    begun = begins.transpose(1, 0, 2)
+    rows = signal.sosfilt(sections, np.zeros((len(begins), most)), zi=begun)[0]
     if back:
         rows = signal.sosfilt(sections, rows[:, ::-1])[:, ::-1]
     _, size, free = np.linalg.svd(rows, full_matrices=False)

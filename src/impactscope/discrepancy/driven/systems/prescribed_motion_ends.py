@@ -26,6 +26,7 @@ from impactscope.discrepancy.driven.systems.prescribed_motion_noise import (
     counting_of,
     runs,
 )
+from impactscope.physics.mechanisms.low_pass_filter import forwards_and_backwards, low_pass
 
 __all__ = ['ends_of_a_filter', 'shows_at_ends']
 
@@ -59,11 +60,10 @@ class _End(NamedTuple):
 
     def _filtered(self, order: int, cut_off: float, continued: str) -> Array:
         if continued == 'few turned':  # the rule of the usual libraries, at the rate of recording
-            low = signal.butter(order, cut_off, fs=self.rate, output='sos')
-            return np.asarray(signal.sosfiltfilt(low, self.force))
+            return forwards_and_backwards(low_pass(order, cut_off, self.rate), self.force)
         fine = np.linspace(0.0, self.force.size - 1.0, FINE * (self.force.size - 1) + 1)
         course = CubicSpline(np.arange(self.force.size), self.force)(fine)
-        low = signal.butter(order, cut_off, fs=FINE * self.rate, output='sos')
+        low = low_pass(order, cut_off, FINE * self.rate)
         pad = min(math.ceil(MEMORY * order * FINE * self.rate / cut_off), fine.size - 1)
         kind = {'turned': 'odd', 'held': 'constant'}.get(continued)
         passed = signal.sosfiltfilt(low, course, padtype=kind, padlen=pad if kind else 0)

@@ -14,6 +14,11 @@ from impactscope.discrepancy.impact.data.binning import BinnedChannel, merged
 from impactscope.discrepancy.impact.data.blows import BlowData
 from impactscope.errors import ImpactscopeError
 from impactscope.physics.mechanisms.ac_coupling import high_pass
+from impactscope.physics.mechanisms.low_pass_filter import (
+    forwards,
+    forwards_and_backwards,
+    low_pass,
+)
 from impactscope.physics.mechanisms.registry import mechanism
 
 __all__ = [
@@ -192,10 +197,10 @@ def coupled_since(
 
 
 def _low_pass(samples: Array, rate: float, numbers: Mapping[str, float]) -> Array:
-    sections, rest = _sections(round(numbers['order']), numbers['cutoff'], rate)
+    sections = low_pass(round(numbers['order']), numbers['cutoff'], rate)
     if numbers['zero_phase'] > 0.5:
-        return np.asarray(signal.sosfiltfilt(sections, samples))
-    return np.asarray(signal.sosfilt(sections, samples, zi=rest * samples[0])[0])
+        return forwards_and_backwards(sections, samples)
+    return forwards(sections, samples, float(samples[0]))
 
 
 def _ahead(course: Array, rate: float, numbers: Mapping[str, float]) -> Array:
@@ -237,13 +242,6 @@ def _analogue(order: int, turns: float) -> tuple[Array, Array, float]:
     passed = 1.0 / np.polyval(below[1], 1j * line / turns)
     arcs = (1.0 - 6.0 / math.pi**2 * float(np.sum(passed.real / line**2))) / 12.0
     return sections, signal.sosfilt_zi(sections), arcs
-
-
-@functools.lru_cache(maxsize=64)
-def _sections(order: int, cutoff: float, rate: float) -> tuple[Array, Array]:
-    """Sections of a filter, and their state at rest under a constant of one."""
-    sections = signal.butter(order, cutoff, fs=rate, output='sos')
-    return sections, signal.sosfilt_zi(sections)
 
 
 def softened(residual: Array, jump: Array, centres: Array, kinks: Array) -> Array:
