@@ -106,6 +106,12 @@ def test_broken_yaml_is_refused(folder):
         load_campaign(folder)
 
 
+def test_a_number_may_be_written_as_programs_print_it(folder):
+    text = TEXT.replace('baseline', 'gain_std: {force: 1e-03}\nbaseline')
+    (folder / 'campaign.yaml').write_text(text, encoding='utf-8')
+    assert load_campaign(folder).gain_std == {'force': 1e-3}
+
+
 def test_the_extended_model_is_saved_as_a_baseline(folder):
     model = {'baseline': ['linear_sensor', {'name': 'offset', 'values': {'value': 0.1}}]}
     answer = Answer('bench', 'chain', Mismatch(True, 0.0), model=model)

@@ -19,6 +19,7 @@ from impactscope.errors import ConfigurationError, RecordingError
 from impactscope.inputs import inputs_of, recorded_items
 from impactscope.recordings import open_recording
 from impactscope.records import NANOSECONDS, SampleBlock
+from impactscope.yaml_text import parse_yaml
 
 __all__ = ['CAMPAIGN_FILE', 'explain_folder', 'load_campaign', 'read_channels', 'save_model']
 
@@ -39,7 +40,7 @@ def _description(path: Path) -> tuple[Path, Any]:
             f'campaign: {str(file)!r} is no text; name a folder with {CAMPAIGN_FILE}, or that file'
         ) from error
     try:
-        return file, yaml.safe_load(text)
+        return file, parse_yaml(text)
     except yaml.YAMLError as error:
         raise ConfigurationError(f'campaign: {file.name!r} is not YAML: {error}') from error
 

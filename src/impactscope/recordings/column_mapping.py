@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from impactscope.errors import ConfigurationError
 from impactscope.records import TestPoint
+from impactscope.yaml_text import parse_yaml
 
 from .units import to_si
 
@@ -146,7 +147,7 @@ class ColumnMapping:
         """From a YAML file; ConfigurationError where it cannot be read or does not fit."""
         path = Path(path)
         try:
-            content = yaml.safe_load(path.read_text(encoding='utf-8'))
+            content = parse_yaml(path.read_text(encoding='utf-8'))
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
             raise ConfigurationError(
                 f'the mapping {path.name!r} cannot be read ({type(error).__name__})'
