@@ -11,13 +11,22 @@ from impactscope.version import __version__
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.ros
-def test_the_page_of_nodes_is_what_the_nodes_say():
-    spec = importlib.util.spec_from_file_location('document', ROOT / 'scripts/document_nodes.py')
+def written_by(script):
+    spec = importlib.util.spec_from_file_location('document', ROOT / 'scripts' / script)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
+    return module.document()
+
+
+@pytest.mark.ros
+def test_the_page_of_nodes_is_what_the_nodes_say():
     said = (ROOT / 'docs/nodes.md').read_text(encoding='utf-8')
-    assert module.document() == said, 'run scripts/document_nodes.py'
+    assert written_by('document_nodes.py') == said, 'run scripts/document_nodes.py'
+
+
+def test_the_page_of_mechanisms_is_what_the_mechanisms_say():
+    said = (ROOT / 'docs/mechanisms.md').read_text(encoding='utf-8')
+    assert written_by('document_mechanisms.py') == said, 'run scripts/document_mechanisms.py'
 
 
 def test_versions_agree():
