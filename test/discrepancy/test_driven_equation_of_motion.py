@@ -226,3 +226,53 @@ def test_a_linear_mass_on_its_base_steps_as_any_other(
         made.append(out)
     size = np.max(np.abs(made[1]), axis=0) + 1e-300
     assert np.all(np.abs(made[0] - made[1]) < 1e-9 * size)
+
+
+def broadband(count, highest, seed):
+    """A force of many sines up to ``highest`` Hz, that begins slowly; a function of time."""
+    rng = np.random.default_rng(seed)
+    turn, phase = 2 * math.pi * rng.uniform(1.0, highest, count), rng.uniform(0.0, 6.28, count)
+
+    def force(t):
+        made = sum(np.sin(w * t + p) for w, p in zip(turn, phase, strict=True))
+        return made * np.clip(20.0 * t, 0.0, 1.0)
+
+    return force
+
+
+def inside(force, count, steps):
+    """The force inside each sampling period, where all of it is known, (count - 1, 2 s + 1)."""
+    t = PERIOD * np.arange(count - 1)[:, None] + PERIOD * np.linspace(0.0, 1.0, 2 * steps + 1)
+    return np.ascontiguousarray(force(t))
+
+
+@pytest.mark.parametrize('based', [False, True])
+@pytest.mark.parametrize('steps', [1, 3])
+def test_friction_of_next_to_nothing_does_nothing(based, steps):
+    """Under a force that turns within a step speeds vanish where no chord finds them."""
+    u = inside(broadband(60, 230.0, 1), 3000, steps)
+    base = {'BASE_MASS': 3.0, 'BASE_STIFFNESS': 5e4, 'BASE_DAMPING': 10.0} if based else {}
+    found = []
+    for friction in (0.0, 1e-9):
+        p = parameters(STIFFNESS=1500.0, DAMPING=4.0, **base)
+        p[at.KINETIC_FORWARD] = p[at.KINETIC_BACKWARD] = friction
+        out = np.zeros((3000, 4))
+        assert (run_on_base if based else run)(p, u, PERIOD, 0.0, 0.0, out)
+        found.append(out[:, 0])
+    assert np.linalg.norm(found[1] - found[0]) < 1e-4 / steps * np.linalg.norm(found[0])
+
+
+def test_what_sets_off_and_comes_back_within_a_step_moves_on():
+    """The load exceeds friction for a moment, and then friction holds no more the other way."""
+    period = PERIOD
+    p = parameters(KINETIC_FORWARD=1.0, KINETIC_BACKWARD=1.0)
+    u = np.array([[1.2, 0.2, -8.0]])
+    out = np.zeros((2, 4))
+    assert run(p, u, period, 0.0, 0.0, out)
+    fine = np.zeros((4001, 4))
+    s = np.linspace(0.0, 1.0, 8001)
+    parabola = 1.2 + s * (4 * 0.2 - 3 * 1.2 + 8.0 + s * (2 * 1.2 - 4 * 0.2 - 2 * 8.0))
+    rows = np.stack([parabola[:-2:2], parabola[1:-1:2], parabola[2::2]], axis=1)
+    assert run(p, np.ascontiguousarray(rows), period / 4000, 0.0, 0.0, fine)
+    assert out[1, 1] == pytest.approx(fine[-1, 1], rel=1e-3)
+    assert out[1, 1] < -1e-3

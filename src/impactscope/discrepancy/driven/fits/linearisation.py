@@ -13,7 +13,7 @@ from impactscope.discrepancy.driven.fits.innovations import innovations
 from impactscope.discrepancy.driven.fits.orthonormal import orthonormal
 from impactscope.discrepancy.driven.fits.recordings_in_parallel import by_recording
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
-from impactscope.discrepancy.driven.fits.weighted_residuals import STEP, numbers_of
+from impactscope.discrepancy.driven.fits.weighted_residuals import numbers_of, step_of
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Term
 
@@ -50,17 +50,18 @@ def linearised(model: Model, made: Fit, segments: Sequence[Segment]) -> Linearis
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     residual = np.concatenate([innovations(segments[i], made.residuals[i]) for i in fitted])
     columns = []
+    share = step_of(made.terms, segments, float(np.mean(residual**2)))
     for name, number in numbers_of(model, made.terms):
-        step = STEP * number.scale
+        step = share * number.scale
         moved = {**made.values, name: made.values[name] + step}
         if may_jump(made.terms, segments):
             back = {**made.values, name: made.values[name] - step}
             ways = [moved] if back[name] < number.lower else [moved, back]
-            columns.append(_steady(model, made, ways, segments) / STEP)
+            columns.append(_steady(model, made, ways, segments) / share)
         else:
-            columns.append(change(model, made, made.terms, moved, segments) / STEP)
+            columns.append(change(model, made, made.terms, moved, segments) / share)
     shared = np.stack(columns, axis=1) if columns else np.zeros((residual.size, 0))
-    columns += _beginnings(model, made, segments)
+    columns += _beginnings(model, made, segments, share)
     if not columns:
         none = np.zeros((residual.size, 0))
         return Linearisation(residual, none.T, none)
@@ -69,7 +70,7 @@ def linearised(model: Model, made: Fit, segments: Sequence[Segment]) -> Linearis
     return Linearisation(residual - basis.T @ (basis @ residual), basis, shared)
 
 
-def _beginnings(model: Model, made: Fit, segments: Sequence[Segment]) -> list[Array]:
+def _beginnings(model: Model, made: Fit, segments: Sequence[Segment], step: float) -> list[Array]:
     """Whitened changes of the prediction by every recording's own beginning, each shape (n,)."""
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     ends = np.cumsum([segments[i].measured.size for i in fitted])
@@ -78,11 +79,11 @@ def _beginnings(model: Model, made: Fit, segments: Sequence[Segment]) -> list[Ar
         s = segments[i]
         for j, number in enumerate(model.starts(s)):
             begin = made.starts[i].copy()
-            begin[j] += STEP * number.scale
+            begin[j] += step * number.scale
             predicted = model.predict(made.values, made.terms, begin, s)
             column = np.zeros(int(ends[-1]))
             moved = innovations(s, predicted - (s.measured - made.residuals[i]))
-            column[end - s.measured.size : end] = moved / STEP
+            column[end - s.measured.size : end] = moved / step
             columns.append(column)
     return columns
 

@@ -26,6 +26,7 @@ from impactscope.discrepancy.driven.fits.weighted_residuals import (
     counted,
     in_units,
     numbers_of,
+    step_of,
 )
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.oscillator_model import OscillatorModel
@@ -283,27 +284,28 @@ def sensitivities(model: Model, base: Fit, segments: Sequence[Segment]) -> tuple
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     residual = np.concatenate([in_units(base.residuals[i], segments[i], scales) for i in fitted])
     columns = []
+    share = step_of(base.terms, segments, float(np.mean(residual**2)))
     for k, n in shared:
-        step = STEP * n.scale
+        step = share * n.scale
         moved = {**base.values, k: base.values[k] + step}
         parts = [_moved(model, base, moved, i, segments[i]) for i in fitted]
         columns.append(
             np.concatenate(
                 [in_units(p, segments[i], scales) for p, i in zip(parts, fitted, strict=True)]
             )
-            / STEP
+            / share
         )
     sizes = [segments[i].measured.size for i in fitted]
     ends = np.cumsum(sizes)
     for which, i in enumerate(fitted):
         for j, n in enumerate(model.starts(segments[i])):
             begin = base.starts[i].copy()
-            begin[j] += STEP * n.scale
+            begin[j] += share * n.scale
             predicted = model.predict(base.values, base.terms, begin, segments[i])
             change = predicted - (segments[i].measured - base.residuals[i])
             column = np.zeros(residual.size)
             column[ends[which] - sizes[which] : ends[which]] = (
-                in_units(change, segments[i], scales) / STEP
+                in_units(change, segments[i], scales) / share
             )
             columns.append(column)
     return residual, np.stack(columns, axis=1) if columns else np.zeros((residual.size, 0))

@@ -25,11 +25,22 @@ from impactscope.discrepancy.driven.fits.recordings_in_parallel import by_record
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.models.terms import Number, Term, key
 
-__all__ = ['STEP', 'WeightedResiduals', 'channel_scales', 'counted', 'in_units', 'numbers_of']
+__all__ = [
+    'STEP',
+    'WeightedResiduals',
+    'channel_scales',
+    'counted',
+    'in_units',
+    'numbers_of',
+    'step_of',
+]
 
 Array = NDArray[np.float64]
 
-STEP = 1e-4  # of a number's scale, for differences
+STEP = 1e-4  # of a number's scale, for differences ...
+SMALL = 1e-6  # ... and where noise is all that is left: what rings for long bends much sooner
+NEARLY = 2.0  # mean square, in units of the noise, below which that is so
+LEAST = 1e-8  # of a number itself, for one that is measured by next to nothing
 MEMORY = 0.1  # of a recording, beyond which accumulated errors are forgotten
 FARTHEST = 1e9  # times a channel's spread: farther off is no worse
 
@@ -78,6 +89,17 @@ def _bounded(value: float, number: Number) -> float:
     margin = 1e-3 * number.scale
     lower, upper = number.lower + margin, number.upper - margin
     return float(min(max(value, lower), upper)) if lower < upper else value
+
+
+def step_of(terms: Sequence[Term], segments: Sequence[Segment], left: float) -> float:
+    """Step of a number over its scale for differences of predictions.
+
+    It is small where noise is about all that is ``left``: the mean square in units of the noise.
+    Elsewhere, as in a motion that turns under dry friction, slopes have to lead across what is
+    rough.
+    """
+    known = all(s.whitener is not None for s in segments)
+    return SMALL if known and left < NEARLY and not may_jump(terms, segments) else STEP
 
 
 class WeightedResiduals:
@@ -174,13 +196,14 @@ class WeightedResiduals:
         """Residual of one segment as it counts."""
         return self.weighted(self.error(self.values(theta), self.start(theta, i), i), i)
 
-    def slope(self, theta: Array, j: int, i: int, here: Array) -> Array:
+    def slope(self, theta: Array, j: int, i: int, here: Array, step: float = STEP) -> Array:
         """Slope of one segment's residual, which is ``here``, by a number over its scale."""
         if self.jumps:
             return self._steady(theta, j, i)
+        step = max(step, LEAST * abs(float(theta[j])))
         moved = theta.copy()
-        moved[j] += STEP
-        return (self.of_segment(moved, i) - here) / STEP
+        moved[j] += step
+        return (self.of_segment(moved, i) - here) / step
 
     def _steady(self, theta: Array, j: int, i: int) -> Array:
         """The same but for samples that jump."""
@@ -209,13 +232,14 @@ class WeightedResiduals:
         made = next((r for t, r in self._last if np.array_equal(t, theta)), None)
         at_theta = self.residual(theta) if made is None else made
         slopes = np.zeros((at_theta.size, theta.size))
+        step = step_of(self.terms, self.segments, float(at_theta @ at_theta))
         given = 0 if first is None else first.shape[1]
         if first is not None:
             slopes[:, :given] = first
         for j in range(given, len(self.shared)):
 
             def column(i: int, j: int = j) -> Array:
-                return self.slope(theta, j, i, at_theta[self._rows[i]])
+                return self.slope(theta, j, i, at_theta[self._rows[i]], step)
 
             parts = by_recording(column, self.fitted, self.segments)
             slopes[:, j] = np.concatenate(parts)
@@ -223,7 +247,7 @@ class WeightedResiduals:
         def own_columns(i: int) -> None:
             rows, place = self._rows[i], self._place[i]
             for j in range(place.start, place.stop):
-                slopes[rows, j] = self.slope(theta, j, i, at_theta[rows])
+                slopes[rows, j] = self.slope(theta, j, i, at_theta[rows], step)
 
         by_recording(own_columns, self.fitted, self.segments)
         return slopes
@@ -236,6 +260,8 @@ class WeightedResiduals:
         here, place = self.of_segment(theta, i), self._place[i]
         numbers = [*range(len(self.shared)), *range(place.start, place.stop)]
         columns = np.empty((here.size, len(numbers)))
+        left = float(here @ here) * self.total / here.size
+        step = step_of(self.terms, self.segments, left)
         for k, j in enumerate(numbers):
-            columns[:, k] = self.slope(theta, j, i, here)
+            columns[:, k] = self.slope(theta, j, i, here, step)
         return here, columns[:, : len(self.shared)], columns[:, len(self.shared) :]

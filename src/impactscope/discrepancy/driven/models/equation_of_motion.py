@@ -60,6 +60,8 @@ __all__ = [
 Array = NDArray[np.float64]
 
 MOST_TURNS = 6  # turns and stops located in one sub-step
+MOST_TRIES = 30  # by which each is located ...
+AT_REST = 1e-12  # ... to this share of the speeds about a turn, or of the loads about a start
 FAR = 1e9  # a state beyond this has run away
 SWEEPS = 3  # in which the elements of a structure and its motion agree on the end of a step
 FREE = 2  # in the place of a direction of sliding: no dry friction at all
@@ -256,53 +258,110 @@ def _held(p: Array, load: float) -> int:
     return 0
 
 
+@law
+def _sets_off(
+    u: tuple[float, float, float], up: float, down: float, done: float
+) -> tuple[float, int]:
+    """Share of a sub-step, after ``done``, at which a resting mass sets off, and which way.
+
+    There the parabola of the input rises above ``up`` or falls below ``down``; 1 and 0 where it
+    does neither.
+    """
+    bend = 2.0 * (u[0] - 2.0 * u[1] + u[2])
+    slope = 4.0 * u[1] - 3.0 * u[0] - u[2]
+    first, which = 1.0, 0
+    for way in (1, -1):
+        under = u[0] - (up if way > 0 else down)
+        square = slope * slope - 4.0 * bend * under
+        if square < 0.0:
+            continue
+        root = way * math.sqrt(square)  # the parabola's slope where it crosses this way
+        if slope * way > 0.0:
+            share = -2.0 * under / (slope + root)
+        elif bend != 0.0:
+            share = 0.5 * (root - slope) / bend
+        else:
+            continue
+        if done < share < first:
+            first, which = share, way
+    return first, which
+
+
+@law
+def _nearer(
+    low: float, f_low: float, high: float, f_high: float, side: int, at: float, value: float
+) -> tuple[float, float, float, float, int]:
+    """A bracket about a zero, its high end below, with a further value (Illinois method).
+
+    ``side``: of the end that moved last, which the result tells anew; 0 at first.
+    """
+    if value < 0.0:
+        return low, 0.5 * f_low if side == -1 else f_low, at, value, -1
+    return at, value, high, 0.5 * f_high if side == 1 else f_high, 1
+
+
+@law
+def _tried(low: float, f_low: float, high: float, f_high: float) -> float:
+    """Where a bracket about a turn is tried next: where its chord says, else nearer its begin."""
+    if f_low > 0.0:
+        return high - f_high * (high - low) / (f_high - f_low)
+    return 0.5 * (low + high)  # it has just set off: where it comes back is yet to be seen
+
+
 @compiled
 def _rough_step(
     p: Array, u0: float, um: float, u1: float, x: float, v: float, h: float, way: int, dt: float
 ) -> tuple[float, float, float, int]:
     """One sub-step with dry friction: as many turns, stops and starts as fall into it."""
     p = borrowed(p)
+    u = (u0, um, u1)
+    forward, backward = (
+        p[KINETIC_FORWARD] + p[STATIC_EXCESS],
+        p[KINETIC_BACKWARD] + p[STATIC_EXCESS],
+    )
     done = 0.0
+    rests = False  # whatever friction could hold right now
     for _ in range(MOST_TURNS):
         left = 1.0 - done
         if left <= 1e-12:
             break
         a = _between(u0, um, u1, done)
         if way == 0:
-            # At rest: does the load exceed what friction holds before the sub-step ends?
-            start = _load(p, a, x, 0.0, h)
-            end = _load(p, u1, x, 0.0, h)
-            way = _held(p, start)
+            rest = _load(p, 0.0, x, 0.0, h)
+            if not rests:
+                way = _held(p, rest + a)
             if way == 0:
-                way = _held(p, end)
+                done, way = _sets_off(u, forward - rest, -backward - rest, done)
                 if way == 0:
                     return x, 0.0, h, 0
-                limit = p[STATIC_EXCESS]
-                limit += p[KINETIC_FORWARD] if way > 0 else p[KINETIC_BACKWARD]
-                done += left * (way * limit - start) / (end - start)
+                rests = False
                 continue
         m = _between(u0, um, u1, done + 0.5 * left)
         x1, v1, h1 = _step(p, a, m, u1, x, v, h, way, left * dt)
         if v1 * way >= 0.0:
             return x1, v1, h1, way
-        # It turns: find where the speed vanishes, from a chord and one correction.
-        share = v / (v - v1) if v * way > 0.0 else 0.0
-        for _ in range(2):
-            if share <= 0.0:
-                break
+        near = AT_REST * (abs(v) + abs(v1))
+        low, f_low, high, f_high, side = 0.0, max(v * way, 0.0), 1.0, v1 * way, 0
+        share, slid = 0.0, v * way > 0.0
+        for _ in range(MOST_TRIES):
+            share = _tried(low, f_low, high, f_high)
             m = _between(u0, um, u1, done + 0.5 * share * left)
             b = _between(u0, um, u1, done + share * left)
             x1, v1, h1 = _step(p, a, m, b, x, v, h, way, share * left * dt)
-            slope = _rate(p, b, x1, v1, h1, way) * left * dt
-            if slope * way < 0.0:
-                share = min(max(share - v1 / slope, 0.0), 1.0)
-        if share > 0.0:
-            m = _between(u0, um, u1, done + 0.5 * share * left)
-            b = _between(u0, um, u1, done + share * left)
-            x, v, h = _step(p, a, m, b, x, v, h, way, share * left * dt)
+            low, f_low, high, f_high, side = _nearer(
+                low, f_low, high, f_high, side, share, v1 * way
+            )
+            slid |= v1 * way > 0.0
+            if slid and abs(v1) <= near:
+                break
+        if slid:
+            x, h = x1, h1
             done += share * left
+            way = _held(p, _load(p, _between(u0, um, u1, done), x, 0.0, h))
+        else:  # it would set off and be held again at once
+            way = 0
+        rests = way == 0
         v = 0.0
-        way = _held(p, _load(p, _between(u0, um, u1, done), x, 0.0, h))
     return x, v, h, way
 
 
@@ -318,6 +377,7 @@ def _rough_soft_step(
     p = borrowed(p)
     u0, um, u1 = u
     done = 0.0
+    rests = False  # whatever friction could hold right now
     for _ in range(MOST_TURNS):
         left = 1.0 - done
         if left <= 1e-12:
@@ -326,7 +386,9 @@ def _rough_soft_step(
         m = _between(u0, um, u1, done + 0.5 * left)
         if way == 0:
             start = _soft_load(p, a, state)
-            way = _held(p, start)
+            if not rests:
+                way = _held(p, start)
+            rests = False
             if way == 0:
                 rested = _soft_step(p, (a, m, u1), state, 0, left * dt)
                 end = _soft_load(p, u1, rested)
@@ -335,33 +397,55 @@ def _rough_soft_step(
                     return rested, 0
                 limit = p[STATIC_EXCESS]
                 limit += p[KINETIC_FORWARD] if way > 0 else p[KINETIC_BACKWARD]
-                share = (way * limit - start) / (end - start)
-                m = _between(u0, um, u1, done + 0.5 * share * left)
-                b = _between(u0, um, u1, done + share * left)
-                state = _soft_step(p, (a, m, b), state, 0, share * left * dt)
+                near = AT_REST * (abs(start) + abs(end))
+                low, f_low, high, f_high, side = (
+                    0.0,
+                    limit - way * start,
+                    1.0,
+                    limit - way * end,
+                    0,
+                )
+                share = 1.0
+                for _ in range(MOST_TRIES):
+                    share = _tried(low, f_low, high, f_high)
+                    m = _between(u0, um, u1, done + 0.5 * share * left)
+                    b = _between(u0, um, u1, done + share * left)
+                    rested = _soft_step(p, (a, m, b), state, 0, share * left * dt)
+                    spare = limit - way * _soft_load(p, b, rested)
+                    low, f_low, high, f_high, side = _nearer(
+                        low, f_low, high, f_high, side, share, spare
+                    )
+                    if abs(spare) <= near:
+                        break
+                state = rested
                 done += share * left
                 continue
         moved = _soft_step(p, (a, m, u1), state, way, left * dt)
         if moved[1] * way >= 0.0:
             return moved, way
         v, v1 = state[1], moved[1]
-        share = v / (v - v1) if v * way > 0.0 else 0.0
-        for _ in range(2):
-            if share <= 0.0:
+        near = AT_REST * (abs(v) + abs(v1))
+        low, f_low, high, f_high, side = 0.0, max(v * way, 0.0), 1.0, v1 * way, 0
+        share, slid = 0.0, v * way > 0.0
+        for _ in range(MOST_TRIES):
+            share = _tried(low, f_low, high, f_high)
+            m = _between(u0, um, u1, done + 0.5 * share * left)
+            b = _between(u0, um, u1, done + share * left)
+            moved = _soft_step(p, (a, m, b), state, way, share * left * dt)
+            low, f_low, high, f_high, side = _nearer(
+                low, f_low, high, f_high, side, share, moved[1] * way
+            )
+            slid |= moved[1] * way > 0.0
+            if slid and abs(moved[1]) <= near:
                 break
-            m = _between(u0, um, u1, done + 0.5 * share * left)
-            b = _between(u0, um, u1, done + share * left)
-            x1, v1, h1, xb, vb = _soft_step(p, (a, m, b), state, way, share * left * dt)
-            slope = _soft_rates(p, b, x1, v1, h1, xb, vb, way)[0] * left * dt
-            if slope * way < 0.0:
-                share = min(max(share - v1 / slope, 0.0), 1.0)
-        if share > 0.0:
-            m = _between(u0, um, u1, done + 0.5 * share * left)
-            b = _between(u0, um, u1, done + share * left)
-            state = _soft_step(p, (a, m, b), state, way, share * left * dt)
+        if slid:
+            state = moved
             done += share * left
+            way = _held(p, _soft_load(p, _between(u0, um, u1, done), state))
+        else:  # it would set off and be held again at once
+            way = 0
+        rests = way == 0
         state = (state[0], 0.0, state[2], state[3], state[4])
-        way = _held(p, _soft_load(p, _between(u0, um, u1, done), state))
     return state, way
 
 
