@@ -494,3 +494,17 @@ def test_a_late_clock_behind_a_multisine():
     found = answer.ranking[0].parameters
     assert abs(found['offset'].value - offset) < 4.0 * found['offset'].std < 5e-6
     assert abs(found['drift'].value - drift) < 4.0 * found['drift'].std < 1e-6
+
+
+def test_an_amplifier_that_cannot_rise_any_faster_is_unknown():
+    """A reading that is slow where it is steep was too smooth a picture of that."""
+
+    def limited(x):
+        y = x.copy()
+        for i in range(1, y.size):
+            y[i] = y[i - 1] + np.clip(x[i] - y[i - 1], -23.0, 23.0)
+        return y
+
+    answer = explain_driven(campaign(6, limited, noises=(0.1, 0.3)))
+    assert answer.accepted == ('unknown',)
+    assert 'any faster' in answer.findings[0].sentence
