@@ -50,7 +50,7 @@ def linearised(model: Model, made: Fit, segments: Sequence[Segment]) -> Linearis
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     residual = np.concatenate([innovations(segments[i], made.residuals[i]) for i in fitted])
     columns = []
-    share = step_of(made.terms, segments, float(np.mean(residual**2)))
+    share = step_of(model, made.terms, segments, float(np.mean(residual**2)))
     for name, number in numbers_of(model, made.terms):
         step = share * number.scale
         moved = {**made.values, name: made.values[name] + step}

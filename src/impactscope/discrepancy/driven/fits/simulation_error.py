@@ -284,7 +284,7 @@ def sensitivities(model: Model, base: Fit, segments: Sequence[Segment]) -> tuple
     fitted = [i for i, s in enumerate(segments) if not s.held_out]
     residual = np.concatenate([in_units(base.residuals[i], segments[i], scales) for i in fitted])
     columns = []
-    share = step_of(base.terms, segments, float(np.mean(residual**2)))
+    share = step_of(model, base.terms, segments, float(np.mean(residual**2)))
     for k, n in shared:
         step = share * n.scale
         moved = {**base.values, k: base.values[k] + step}

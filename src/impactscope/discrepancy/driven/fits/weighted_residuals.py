@@ -91,15 +91,18 @@ def _bounded(value: float, number: Number) -> float:
     return float(min(max(value, lower), upper)) if lower < upper else value
 
 
-def step_of(terms: Sequence[Term], segments: Sequence[Segment], left: float) -> float:
+def step_of(
+    model: Model, terms: Sequence[Term], segments: Sequence[Segment], left: float
+) -> float:
     """Step of a number over its scale for differences of predictions.
 
-    It is small where noise is about all that is ``left``: the mean square in units of the noise.
-    Elsewhere, as in a motion that turns under dry friction, slopes have to lead across what is
-    rough.
+    It is small where something may ring and noise is about all that is ``left``: the mean square
+    in units of the noise. Elsewhere, as in a motion that turns under dry friction, slopes have to
+    lead across what is rough.
     """
     known = all(s.whitener is not None for s in segments)
-    return SMALL if known and left < NEARLY and not may_jump(terms, segments) else STEP
+    rings = not model.drifts and not may_jump(terms, segments)
+    return SMALL if known and rings and left < NEARLY else STEP
 
 
 class WeightedResiduals:
@@ -232,7 +235,7 @@ class WeightedResiduals:
         made = next((r for t, r in self._last if np.array_equal(t, theta)), None)
         at_theta = self.residual(theta) if made is None else made
         slopes = np.zeros((at_theta.size, theta.size))
-        step = step_of(self.terms, self.segments, float(at_theta @ at_theta))
+        step = step_of(self.model, self.terms, self.segments, float(at_theta @ at_theta))
         given = 0 if first is None else first.shape[1]
         if first is not None:
             slopes[:, :given] = first
@@ -261,7 +264,7 @@ class WeightedResiduals:
         numbers = [*range(len(self.shared)), *range(place.start, place.stop)]
         columns = np.empty((here.size, len(numbers)))
         left = float(here @ here) * self.total / here.size
-        step = step_of(self.terms, self.segments, left)
+        step = step_of(self.model, self.terms, self.segments, left)
         for k, j in enumerate(numbers):
             columns[:, k] = self.slope(theta, j, i, here, step)
         return here, columns[:, : len(self.shared)], columns[:, len(self.shared) :]
