@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
-from impactscope.physics.mechanisms.mechanism import Mechanism, Parameter
+from impactscope.drivers.simulated_campaign import describe_effects
+from impactscope.physics.mechanisms.mechanism import Subsystem
 from impactscope.physics.mechanisms.registry import all_mechanisms
 
 HEAD = """# Mechanisms
@@ -22,35 +22,20 @@ under a prescribed motion s is the displacement and v the speed. k is the stiffn
 spring, also within the laws that change it. An apostrophe is a derivative by the time."""
 
 
-def numbers(parameters: tuple[Parameter, ...]) -> str:
-    """Names and units, with what is taken where a number is not given."""
-    shown = []
-    for parameter in parameters:
-        default = '' if math.isnan(parameter.default) else f' ({parameter.default:g})'
-        shown.append(f'`{parameter.name}` {parameter.unit}{default}')
-    return ', '.join(shown)
-
-
-def row(mechanism: Mechanism) -> str:
-    """A mechanism's row of the table of its subsystem."""
-    law, sentence, source, test = (
-        text.replace('|', '\\|')
-        for text in (mechanism.equation, mechanism.sentence, mechanism.source, mechanism.test)
-    )
-    told = f'{sentence} Shown best by: {test}. Source: {source}'
-    return f'| `{mechanism.name}` | {numbers(mechanism.parameters)} | {law} | {told} |'
-
-
 def document() -> str:
     """The whole document."""
+    kinds = all_mechanisms()
+    by_subsystem: dict[str, list[str]] = {}
+    for name, numbers, sentence, law in sorted(describe_effects()):
+        kind = kinds[name]
+        told = f'{sentence} Shown best by: {kind.test}. Source: {kind.source}'
+        cells = [f'`{name}`', *(text.replace('|', '\\|') for text in (numbers, law, told))]
+        by_subsystem.setdefault(kind.subsystem.value, []).append(f'| {" | ".join(cells)} |')
     parts = [HEAD]
-    by_subsystem: dict[str, list[Mechanism]] = {}
-    for mechanism in all_mechanisms().values():
-        by_subsystem.setdefault(mechanism.subsystem.value, []).append(mechanism)
-    for subsystem, found in by_subsystem.items():
-        parts.append(f'\n## {subsystem.capitalize()}\n')
+    for subsystem in Subsystem:
+        parts.append(f'\n## {subsystem.value.capitalize()}\n')
         parts += ['| name | numbers, unit (default) | law | what it is |', '|---|---|---|---|']
-        parts += [row(m) for m in sorted(found, key=lambda m: m.name)]
+        parts += by_subsystem[subsystem.value]
     return '\n'.join(parts) + '\n'
 
 

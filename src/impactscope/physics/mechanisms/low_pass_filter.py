@@ -9,7 +9,7 @@ import numpy as np
 from impactscope.physics.mechanisms.compiled import compiled
 from impactscope.physics.mechanisms.mechanism import Array, Mechanism, Parameter, Subsystem, Values
 
-__all__ = ['MECHANISM', 'forgets_by', 'forwards', 'forwards_and_backwards', 'low_pass', 'settled']
+__all__ = ['MECHANISM', 'forgets_by', 'forwards', 'forwards_and_backwards', 'low_pass']
 
 
 def low_pass(order: int, cutoff: float, sample_rate: float) -> Array:
@@ -18,7 +18,7 @@ def low_pass(order: int, cutoff: float, sample_rate: float) -> Array:
     The bilinear transform, exact at the cut-off, of each pair of poles of the analogue filter,
     the least resonant first (Oppenheim and Schafer, Discrete-Time Signal Processing, sec. 7.2 and
     app. B): in closed form, since fits ask for it thousands of times and a general design takes
-    ten times as long.
+    a hundred times as long.
 
     Args:
         order: one or more.
@@ -38,11 +38,6 @@ def low_pass(order: int, cutoff: float, sample_rate: float) -> Array:
         bent = 2.0 * (turn**2 - 1.0) / scale
         sections[i] = passed, 2.0 * passed, passed, 1.0, bent, (1.0 - loss + turn**2) / scale
     return sections
-
-
-def settled(sections: Array) -> Array:
-    """State of sections of gain one where the samples have always been one, (n_sections, 2)."""
-    return np.stack([1.0 - sections[:, 0], sections[:, 2] - sections[:, 5]], axis=1)
 
 
 def forgets_by(sections: Array) -> float:
@@ -71,7 +66,7 @@ def _pass(sections: Array, samples: Array, before: float) -> None:
 def forwards(sections: Array, samples: Array, before: float) -> Array:
     """Samples, shape (n,), behind sections of gain one; they have been ``before`` for long.
 
-    Samples of a few thousand pass in a tenth of the time that SciPy's ``sosfilt`` takes to begin.
+    A thousand samples pass in less time than SciPy's ``sosfilt`` takes to begin.
     """
     passed = np.array(samples, dtype=np.float64)
     _pass(sections, passed, before)

@@ -293,7 +293,8 @@ def _nearer(
 ) -> tuple[float, float, float, float, int]:
     """A bracket about a zero, its high end below, with a further value (Illinois method).
 
-    ``side``: of the end that moved last, which the result tells anew; 0 at first.
+    ``side``: of the end that moved last, which the result tells anew; 0 at first. As
+    ``narrowed`` of :mod:`impactscope.physics.twin.crossings`, which has a cache of its own.
     """
     if value < 0.0:
         return low, 0.5 * f_low if side == -1 else f_low, at, value, -1
