@@ -34,6 +34,7 @@ from impactscope.discrepancy.impact.search.prediction_misfit import (
 from impactscope.discrepancy.time_limit import time_limited
 from impactscope.physics.twin.assembly import Effect
 from impactscope.physics.twin.bench import BareContact
+from impactscope.physics.twin.simulate import SimulationError
 
 BARE = ('linear_sensor', 'hertz_contact', 'unilateral_contact', 'gravity_load')
 GLUED = ('linear_sensor', 'zener_damper', 'gravity_load')
@@ -65,6 +66,17 @@ def test_a_baseline_follows_to_the_end_and_predicts(make_campaign, monkeypatch):
         rise = further_misfit((found, held_out), (wrong, held_out))
         assert least <= rise <= most
         assert further_misfit((wrong, held_out), (found, held_out)) == pytest.approx(-rise)
+
+
+def test_a_model_none_of_whose_starts_can_be_simulated_is_no_crash(make_campaign, monkeypatch):
+    campaign = make_campaign(41)
+    model = baseline_model(campaign, prepare(campaign))
+    layout = model.layout(model.data.fitted, SHORT[0])
+    found = at_point(model, layout, model.start())
+    monkeypatch.setattr(growing_windows, 'placed', lambda *_: None)
+    assert fit_unless_far_behind(model, found) is None
+    with pytest.raises(SimulationError, match='first milliseconds'):
+        fit_baseline(model)
 
 
 def test_a_contact_that_begins_with_the_last_sample_is_no_missed_prediction(monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -64,6 +65,7 @@ from impactscope.discrepancy.locate import locate
 from impactscope.discrepancy.processes import in_processes
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
+from impactscope.physics.twin.simulate import SimulationError
 
 __all__ = ['explain_impact', 'with_direct']
 
@@ -252,8 +254,8 @@ def _searched(
     if like is None:
         baseline = with_likelier(baseline)
     else:
-        ways = in_processes(fit_baseline, other_conventions(baseline))
-        likelier_way = functools.reduce(further, ways, baseline)
+        ways = in_processes(_baseline_or_none, other_conventions(baseline))
+        likelier_way = functools.reduce(further, (w for w in ways if w is not None), baseline)
         if likelier_way is not baseline and likelier_way.reduced < thresholds.unexplained_ratio:
             baseline, like = likelier_way, None
     search = Search(campaign.baseline_names, thresholds, progress)
@@ -298,7 +300,14 @@ def _otherwise(baseline: Fit, taken: ImpactModel) -> Fit | None:
     What one that is lost on its way leaves tells nothing of how far another one goes.
     """
     model = with_conventions_of(baseline.model, taken)
-    return fit_baseline(model) if _lost(baseline) else fit_unless_far_behind(model, baseline)
+    return _baseline_or_none(model) if _lost(baseline) else fit_unless_far_behind(model, baseline)
+
+
+def _baseline_or_none(model: ImpactModel) -> Fit | None:
+    """A baseline beside another; None where it cannot be simulated."""
+    with contextlib.suppress(SimulationError):
+        return fit_baseline(model)
+    return None
 
 
 def _lost(baseline: Fit) -> bool:

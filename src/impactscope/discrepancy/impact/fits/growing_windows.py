@@ -76,15 +76,18 @@ def fit_unless_far_behind(model: ImpactModel, found: Fit) -> Fit | None:
     """A baseline taken otherwise; None where its beginning alone leaves far more than a fit.
 
     What the first milliseconds leave at least is left of longer windows, too; of a bare contact
-    they are met in either way that :func:`fit_baseline` sets out.
+    they are met in either way that :func:`fit_baseline` sets out. None as well where no start of
+    it can be simulated.
     """
     allowed = _FAR_BEHIND * found.chi_square
-    short = begun(model)
-    if short.chi_square > allowed:
-        by_taps = _begun_by_taps(_by_noise_alone(model))
-        if by_taps is None or by_taps.chi_square > allowed:
-            return None
-    return fit_baseline(model, short)
+    with contextlib.suppress(SimulationError):
+        short = begun(model)
+        if short.chi_square > allowed:
+            by_taps = _begun_by_taps(_by_noise_alone(model))
+            if by_taps is None or by_taps.chi_square > allowed:
+                return None
+        return fit_baseline(model, short)
+    return None
 
 
 def begun(model: ImpactModel) -> Fit:
@@ -94,12 +97,19 @@ def begun(model: ImpactModel) -> Fit:
 
 
 def _short(model: ImpactModel, starts: Sequence[Array]) -> Fit:
-    """The fit over the shortest windows that is best."""
+    """The fit over the shortest windows that is best.
+
+    Raises:
+        SimulationError: none of the starts can be simulated.
+    """
     blows = model.data.fitted
     starts, known = met(model, starts)
     others = [i for i in blows if i not in known]
     tried = in_processes(lambda x: placed(model, x, blows, others), starts)
-    return min((f for f in tried if f is not None), key=lambda f: f.chi_square)
+    best = min((f for f in tried if f is not None), key=lambda f: f.chi_square, default=None)
+    if best is None:
+        raise SimulationError('the first milliseconds of the blows cannot be simulated')
+    return best
 
 
 def _by_taps(model: ImpactModel) -> Fit | None:

@@ -190,7 +190,8 @@ def from_taps(baseline: Fit, baseline_names: Sequence[str]) -> list[tuple[Candid
                 f if f.prior or f.blow is not None else dataclasses.replace(f, start=values[f.key])
                 for f in extended.free
             )
-            found.append((candidate, fit_baseline(extended)))
+            with contextlib.suppress(ImpactscopeError):
+                found.append((candidate, fit_baseline(extended)))
     return sorted(found, key=lambda item: (-item[1].layout.size, item[1].reduced))
 
 

@@ -85,7 +85,8 @@ def with_late_channel(baseline: Fit, baseline_names: Sequence[str]) -> list[tupl
         late = dataclasses.replace(clock, free=(start,))
         # an early channel has set the onsets too early
         shift = max(0.0, -off[channel] if channel != 'acceleration.impactor' else 0.0)
-        return [(clock, fit_baseline(late.extend(_later(model, shift))))]
+        with contextlib.suppress(ImpactscopeError):
+            return [(clock, fit_baseline(late.extend(_later(model, shift))))]
     return []
 
 
