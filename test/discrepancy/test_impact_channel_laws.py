@@ -33,7 +33,14 @@ def test_every_law_is_one_number_of_one_channel(sound):
         assert not np.any(law.columns[elsewhere])
 
 
-@pytest.mark.parametrize('kind', ['an echo after 4 ms', 'a scale that is bent one way'])
+@pytest.mark.parametrize(
+    'kind',
+    [
+        'an echo after 4 ms',
+        'a scale that is bent one way',
+        'a rate that is limited to 55% of the steepest',
+    ],
+)
 def test_what_is_added_is_seen_and_named(sound, kind):
     law = next(c for c in chain_laws(sound) if c.label == f'{kind} in force')
     column = law.columns[:, 0]

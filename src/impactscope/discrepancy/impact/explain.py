@@ -61,7 +61,8 @@ from impactscope.discrepancy.impact.search.forward_backward import Search
 from impactscope.discrepancy.impact.search.held_out import fit_together
 from impactscope.discrepancy.impact.search.outcome import Outcome, with_findings
 from impactscope.discrepancy.impact.search.prediction_misfit import prediction_misfit
-from impactscope.discrepancy.locate import locate
+from impactscope.discrepancy.locate import Strip, locate
+from impactscope.discrepancy.lone_samples import Left, lone_samples_told
 from impactscope.discrepancy.processes import in_processes
 from impactscope.discrepancy.time_limit import time_left
 from impactscope.physics.mechanisms.registry import all_mechanisms, mechanism
@@ -406,9 +407,14 @@ def _answer(
             *outcome.notes,
             *(shifted_parameters_told(outcome.baseline, outcome.final) if accepted else ()),
             *_amplified(outcome),
+            *(() if unexplained else _lone_samples(strips)),
         ),
         traces=traces,
     )
+
+
+def _lone_samples(strips: Sequence[Strip]) -> tuple[str, ...]:
+    return lone_samples_told(Left(s.recording, s.channel, s.time, s.extended) for s in strips)
 
 
 def _unknown(probability: float) -> Finding:

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from impactscope.discrepancy.driven.adequacy.unmodelled_laws import Group, Shaped, contrasts
-from impactscope.discrepancy.driven.compiled import compiled
 from impactscope.discrepancy.driven.fits.innovations import each_alone, joined
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.models.model import Model, Segment
 from impactscope.discrepancy.driven.noise.quantisation import step_of
+from impactscope.physics.slew_limit import behind
 
 __all__ = ['channel_laws']
 
@@ -84,9 +84,9 @@ def channel_laws(model: Model, made: Fit, segments: Sequence[Segment]) -> Iterat
             yield Group(name, [column(parts)])
     most = max(float(np.max(np.abs(np.diff(y)))) for y in outputs)
     for share in SLEW:
-        behind = [_behind(y, share * most) for y in outputs]
-        if any(np.any(b) for b in behind):
-            yield Group('a reading that cannot rise or fall any faster', [column(behind)])
+        short = [behind(y, share * most) for y in outputs]
+        if any(np.any(b) for b in short):
+            yield Group('a reading that cannot rise or fall any faster', [column(short)])
     if len(chosen) > 1:
         # where a gain of all recordings is fitted it is fitted to what both channels tell, from
         # which the prediction differs by noise that is in the residual
@@ -147,20 +147,6 @@ def _frequency(period: float, shape: Array) -> float:
 
 def _told(period: float, shape: Array) -> str:
     return f'{RESONANCE} at {_frequency(period, shape):.3g} Hz'
-
-
-def _behind(output: Array, most: float) -> Array:
-    """How far a reading stays behind that moves by no more than ``most`` a sample, shape (n,)."""
-    behind = np.zeros(output.size)
-    _follow(np.ascontiguousarray(output), most, behind)
-    return behind
-
-
-@compiled
-def _follow(output: Array, most: float, behind: Array) -> None:
-    for i in range(1, output.size):
-        wanted = output[i] - output[i - 1] - behind[i - 1]
-        behind[i] = min(max(wanted, -most), most) - wanted
 
 
 def _by_sign(outputs: Sequence[Array]) -> list[Array]:

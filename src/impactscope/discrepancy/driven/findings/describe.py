@@ -26,9 +26,11 @@ from impactscope.discrepancy.driven.findings.figures import (
 from impactscope.discrepancy.driven.findings.free_swing import as_force, mass_of_free_swing
 from impactscope.discrepancy.driven.findings.ranking import STATED, modal_finding
 from impactscope.discrepancy.driven.findings.subject import Subject
+from impactscope.discrepancy.driven.fits.innovations import innovations
 from impactscope.discrepancy.driven.fits.simulation_error import Fit
 from impactscope.discrepancy.driven.fits.weighted_residuals import numbers_of
 from impactscope.discrepancy.driven.models.terms import Term, key
+from impactscope.discrepancy.lone_samples import Left, lone_samples_told
 
 __all__ = ['describe']
 
@@ -67,8 +69,22 @@ def describe(subject: Subject) -> Answer:
         baseline_parameters=_estimates(s, base, units),
         extended_parameters=_extended(s, base, final, units),
         model=_saved(s, told.kept, told.wrong),
-        notes=(*notes, *stand_ins_told(t.name for t in told.stand_ins)),
+        notes=(
+            *notes,
+            *stand_ins_told(t.name for t in told.stand_ins),
+            *(() if told.unexplained else _lone_samples(s, final)),
+        ),
         traces=traces(s, base, final),
+    )
+
+
+def _lone_samples(s: Subject, final: Fit) -> tuple[str, ...]:
+    """Of a case whose noise is known; nothing of others."""
+    if s.case is None:
+        return ()
+    return lone_samples_told(
+        Left(segment.recording, segment.channel, segment.time, innovations(segment, residual))
+        for segment, residual in zip(s.segments, final.residuals, strict=True)
     )
 
 
