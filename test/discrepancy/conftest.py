@@ -12,6 +12,7 @@ import pytest
 
 from impactscope.discrepancy.campaign import Campaign, ChannelSamples
 from impactscope.discrepancy.campaign_description import parse_campaign
+from impactscope.physics.damper_layer import DamperLayer
 from impactscope.physics.pendulum import Orientation, Pendulum
 from impactscope.physics.twin.assembly import Effect, implied_effects
 from impactscope.physics.twin.bench import (
@@ -107,6 +108,7 @@ def make_campaign() -> Callable[..., Campaign]:
     """A campaign of one tap and two or three blows, the last of them held out.
 
     ``robots``: mass and speed of further blows; ``of_robots``: what acts in these alone.
+    ``stated``: what ``campaign.yaml`` holds in place of its usual numbers.
     """
 
     def make(
@@ -125,6 +127,9 @@ def make_campaign() -> Callable[..., Campaign]:
         blows: int = 3,
         robots: Sequence[tuple[float, float]] = (),
         of_robots: Sequence[Effect] = (),
+        sensor: Sensor | None = None,
+        damper: DamperLayer = PAPER_LAYER,
+        stated: Mapping[str, Any] | None = None,
     ) -> Campaign:
         rng = np.random.default_rng(seed)
         gains = {c: 1 + float(rng.standard_normal()) * GAIN_STD[c.split('.')[0]] for c in NOISE}
@@ -162,8 +167,10 @@ def make_campaign() -> Callable[..., Campaign]:
         samples = {}
         for recording, blow in zip(recordings, struck, strict=True):
             own = of_robots if isinstance(blow, RobotBlow) else ()
-            layer = None if bare or isinstance(blow, HammerTap | MeasuredForce) else PAPER_LAYER
-            bench = Bench(Sensor(), damper=layer, contact=bare or BareContact(), orientation=where)
+            layer = None if bare or isinstance(blow, HammerTap | MeasuredForce) else damper
+            bench = Bench(
+                sensor or Sensor(), damper=layer, contact=bare or BareContact(), orientation=where
+            )
             samples[recording['file']] = _measured(
                 bench, blow, (*effects, *own), gains, rng, rate, duration
             )
@@ -171,6 +178,7 @@ def make_campaign() -> Callable[..., Campaign]:
             recordings,
             bench={'kind': 'impact', 'orientation': orientation},
             baseline=list(baseline or (*BASELINE[:3], weight)),
+            **(stated or {}),
         )
         return parse_campaign(data, 'bench').with_samples(samples.__getitem__)
 

@@ -26,6 +26,7 @@ SHORT = (0.004, 0.007, 0.012)  # s after the onset
 _MASS_STARTS = (0.4, 0.7, 1.1, 1.7, 2.6, 4.0)  # kg
 _CONTACT_STIFFNESSES = (1e7, 2.5e7, 6e7, 1.5e8, 5e8, 2e9, 1e10)  # N/m^1.5
 _BOUNCES = (0.8, 0.5, 0.25)
+_MEMORIES = (1e-3, 1e-2, 0.1)  # s, in which a branch of the layer relaxes
 _CONTACTS = 3  # of the starts for a bare contact, so many are fitted
 _BLUR = 5e-5  # s, of a moment, at first
 _CONTACT_FITS = 16  # starts for which a contact's law is fitted
@@ -50,8 +51,33 @@ def cold_starts(model: ImpactModel) -> list[Array]:
             others = _varied(model, [model.start()], 'sensor.moving_mass', _MASS_STARTS)
             rung = sorted([*rung, *_tapped(model, others, taps)], key=lambda f: f.chi_square)
         starts = [f.x for f in rung[:1]] or starts
+    starts = _relaxing(model, starts)
     starts = _varied(model, starts, 'contact.stiffness', _CONTACT_STIFFNESSES)
     return _varied(model, starts, 'contact.restitution', _BOUNCES)
+
+
+def _relaxing(model: ImpactModel, starts: Sequence[Array]) -> list[Array]:
+    """Each start as it is, and with each way in which branches of the layer may relax.
+
+    Fast branches and slow ones are minima of their own, and which of two is the fast one, too.
+    """
+    open_ones = {f.key for f in model.free if f.prior is None}
+    branches = [
+        name.removesuffix('.damping')
+        for name in sorted(open_ones)
+        if name.startswith('damper.branches.') and name.endswith('.damping')
+    ]
+    found = list(starts)
+    if not branches:
+        return found
+    for x, times in itertools.product(starts, itertools.permutations(_MEMORIES, len(branches))):
+        values, moved = model.values(x), x.copy()
+        for branch, memory in zip(branches, times, strict=True):
+            damping = f'{branch}.damping'
+            number = next(f for f in model.free if f.key == damping)
+            moved[model.index(damping)] = number.to_inner(memory * values[f'{branch}.stiffness'])
+        found.append(moved)
+    return found
 
 
 def _tapped(model: ImpactModel, starts: Sequence[Array], taps: Sequence[int]) -> list[Fit]:

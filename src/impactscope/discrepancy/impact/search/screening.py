@@ -32,6 +32,7 @@ __all__ = ['Remembered', 'Screening', 'Trial']
 Array = NDArray[np.float64]
 _FELT = 15.0  # norm of the change by an effect that is weak
 _WEAKER = 4  # times that a trial is made weaker
+_MILDER, _MILD = 6, 0.1  # times that a start without a simulation is made weaker, and by how much
 _FAINT = 0.2  # of that norm: weaker ones tell less
 _NEAR = 1.15  # reduced chi-square up to which strong effects are out of the question
 _STARTS = 3  # of a candidate that are refined
@@ -157,7 +158,13 @@ class Screening:
         """An extended model simulated: residuals as :meth:`_aligned` orders them."""
         return self._aligned(model, model.residuals(x, self.current.layout))
 
-    def _tried(self, candidate: Candidate, start: Mapping[str, float]) -> Trial | None:
+    def _tried(
+        self, candidate: Candidate, start: Mapping[str, float], milder: int = _MILDER
+    ) -> Trial | None:
+        """A start simulated, or as strong a one as can be, weaker ``milder`` times at most.
+
+        What a stiff spring hardly feels lets a soft one, which moves ten times as far, run away.
+        """
         model = candidate.extend(self.current.model)
         x = self.vector(model, start)
         if candidate.fitted:  # a number for each blow: linear
@@ -180,7 +187,10 @@ class Screening:
             if whole is None:
                 whole = self._residuals(model, x)
         except ImpactscopeError:
-            return None
+            weaker = stronger(candidate, start, _MILD)
+            if milder == 0 or weaker == dict(start):
+                return None
+            return self._tried(candidate, weaker, milder - 1)
         left = self._out(whole)
         gain = self.power - float(left @ left)
         if not candidate.amplitudes:
