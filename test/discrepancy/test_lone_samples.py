@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from impactscope.discrepancy.answer import Finding
 from impactscope.discrepancy.lone_samples import MOST, Left, lone_samples_told
 
 SIZE = 20_000
@@ -40,6 +43,14 @@ def test_of_more_than_five_the_furthest_are_listed():
     assert 'at 0.08 s (15.0)' in note
     assert 'at 0 s' not in note
     assert 'and 4 more' in note
+
+
+def test_a_channel_that_is_told_to_be_rounded_has_none():
+    rounded = Finding('quantisation', 1.0, 'measurement', channel='force')
+    other = dataclasses.replace(rounded, channel='acceleration.plate')
+    far = left(8, {50: 9.0})
+    assert lone_samples_told([far], [rounded]) == ()
+    assert lone_samples_told([far], [other]) != ()
 
 
 @pytest.mark.parametrize('bad', [np.nan, np.inf])

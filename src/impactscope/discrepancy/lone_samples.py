@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from impactscope.discrepancy.answer import Finding
+
 __all__ = ['Left', 'lone_samples_told']
 
 Array = NDArray[np.float64]
@@ -22,6 +24,7 @@ Array = NDArray[np.float64]
 CHANCE = 1e-4  # that noise has one such sample among all
 MOST = 40  # samples that are few
 LISTED = 5
+_ROUNDS = frozenset({'quantisation', 'saturation'})
 NOISY = 1.1  # times what it should be: what is left of a channel that is not noise alone
 
 
@@ -34,13 +37,19 @@ class Left(NamedTuple):
     residual: Array
 
 
-def lone_samples_told(channels: Iterable[Left]) -> tuple[str, ...]:
+def lone_samples_told(
+    channels: Iterable[Left], findings: Iterable[Finding] = ()
+) -> tuple[str, ...]:
     """A note that names such samples, the furthest first; none where there are none, or many.
 
     Channels of which more than noise is left do not count: there a model is wrong for more than
-    a few samples.
+    a few samples. Nor do those that ``findings`` say to be rounded or clipped, which is what
+    such samples are then.
     """
-    known = [c for c in channels if c.residual.size and _is_noise(c.residual)]
+    told = {f.channel for f in findings if f.name in _ROUNDS}
+    known = [
+        c for c in channels if c.channel not in told and c.residual.size and _is_noise(c.residual)
+    ]
     total = sum(c.residual.size for c in known)
     if not total:
         return ()

@@ -407,14 +407,15 @@ def _answer(
             *outcome.notes,
             *(shifted_parameters_told(outcome.baseline, outcome.final) if accepted else ()),
             *_amplified(outcome),
-            *(() if unexplained else _lone_samples(strips)),
+            *(() if unexplained else _lone_samples(strips, ranking[: len(found)])),
         ),
         traces=traces,
     )
 
 
-def _lone_samples(strips: Sequence[Strip]) -> tuple[str, ...]:
-    return lone_samples_told(Left(s.recording, s.channel, s.time, s.extended) for s in strips)
+def _lone_samples(strips: Sequence[Strip], findings: Sequence[Finding]) -> tuple[str, ...]:
+    left = (Left(s.recording, s.channel, s.time, s.extended) for s in strips)
+    return lone_samples_told(left, findings)
 
 
 def _unknown(probability: float) -> Finding:

@@ -72,20 +72,21 @@ def describe(subject: Subject) -> Answer:
         notes=(
             *notes,
             *stand_ins_told(t.name for t in told.stand_ins),
-            *(() if told.unexplained else _lone_samples(s, final)),
+            *(() if told.unexplained else _lone_samples(s, final, told.taken)),
         ),
         traces=traces(s, base, final),
     )
 
 
-def _lone_samples(s: Subject, final: Fit) -> tuple[str, ...]:
+def _lone_samples(s: Subject, final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
     """Of a case whose noise is known; nothing of others."""
     if s.case is None:
         return ()
-    return lone_samples_told(
+    left = (
         Left(segment.recording, segment.channel, segment.time, innovations(segment, residual))
         for segment, residual in zip(s.segments, final.residuals, strict=True)
     )
+    return lone_samples_told(left, findings)
 
 
 def _p_value(told: Decision, s: Subject, final: Fit) -> float:
