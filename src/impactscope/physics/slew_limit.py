@@ -15,8 +15,12 @@ Array = NDArray[np.float64]
 def behind(reading: Array, most: float) -> Array:
     """How far a reading stays behind that moves by no more than ``most`` a sample.
 
-    ``reading`` as it would be without the limit, shape (n,), in units of ``most``; the answer
-    alike, to be added. The first sample is read as it is.
+    Args:
+        reading: as it would be without the limit, shape (n,).
+        most: change from sample to sample, in the unit of the reading; at least zero.
+
+    Returns:
+        What is to be added to the reading, shape (n,); nothing to the first sample.
     """
     short = np.zeros(reading.size)
     _follow(np.ascontiguousarray(reading, dtype=np.float64), most, short)

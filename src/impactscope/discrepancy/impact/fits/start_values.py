@@ -61,22 +61,19 @@ def _relaxing(model: ImpactModel, starts: Sequence[Array]) -> list[Array]:
 
     Fast branches and slow ones are minima of their own, and which of two is the fast one, too.
     """
-    open_ones = {f.key for f in model.free if f.prior is None}
     branches = [
-        name.removesuffix('.damping')
-        for name in sorted(open_ones)
-        if name.startswith('damper.branches.') and name.endswith('.damping')
+        f.key.removesuffix('.damping')
+        for f in model.free
+        if f.key.startswith('damper.branches.') and f.key.endswith('.damping') and f.prior is None
     ]
     found = list(starts)
     if not branches:
         return found
     for x, times in itertools.product(starts, itertools.permutations(_MEMORIES, len(branches))):
-        values, moved = model.values(x), x.copy()
+        values = model.values(x)
         for branch, memory in zip(branches, times, strict=True):
-            damping = f'{branch}.damping'
-            number = next(f for f in model.free if f.key == damping)
-            moved[model.index(damping)] = number.to_inner(memory * values[f'{branch}.stiffness'])
-        found.append(moved)
+            values[f'{branch}.damping'] = memory * values[f'{branch}.stiffness']
+        found.append(model.vector(values))
     return found
 
 
