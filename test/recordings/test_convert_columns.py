@@ -211,6 +211,21 @@ def test_times_that_are_not_uniform_are_refused(tmp_path):
     attempt(uniform * 1000, time_unit='ms', sample_rate=1000.0)
 
 
+def test_uneven_times_tell_whether_their_rows_may_be_even(tmp_path):
+    rng = np.random.default_rng(3)
+    even = np.arange(4000) / 1000.0
+    bursts = np.sort(even + rng.uniform(0.0, 0.0015, even.size))  # stamped late, in turns
+    lossy = even[np.sort(rng.permutation(4000)[:3000])] + 1e-6 * np.arange(3000) ** 1.3
+    mapping = ColumnMapping.from_strings(['force=F:N'], time='t')
+    for times, may in ((bursts, True), (lossy, False)):
+        np.savez(tmp_path / 'u.npz', t=times, F=np.ones(times.size))
+        with pytest.raises(
+            InputError, match=r'intervals are more than half off the usual'
+        ) as told:
+            convert(tmp_path / 'u.npz', tmp_path / 'u.mcap', mapping)
+        assert ('which they may be' in str(told.value)) == may
+
+
 def test_columns_that_are_not_there_or_differ_in_length(tmp_path):
     np.savez(tmp_path / 'a.npz', t=np.zeros(5), long=np.zeros(6), wide=np.zeros((5, 2)))
     for key, message in [

@@ -33,6 +33,7 @@ _RESAMPLE = (
 )
 _LEAST_OF_A_RATE = 8  # numbers in a column by which a rate of its own is told
 _MOST_ODD_ROWS = 20  # at the beginning that are looked for
+_SMALL_WANDER = 3.0  # sample periods, within which stamps that scatter leave evenly sampled rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -353,9 +354,24 @@ def _fault_of(times: NDArray[np.float64], rate: float | None, tolerance: float) 
             f': times are not uniform at {rate:.9g} Hz: row {worst} comes '
             f'{deviation[worst]:.3g} s, {deviation[worst] * rate:.2g} sample periods, from where '
             'even rows would have it'
-            f'{_RESAMPLE}'
+            f'{_RESAMPLE}. {_regularity(times)}'
         )
     return ''
+
+
+def _regularity(times: NDArray[np.float64]) -> str:
+    """What rising times in s tell of their rows: even ones, or samples that are missing."""
+    intervals = np.diff(times)
+    usual = float(np.median(intervals))
+    odd = int(np.count_nonzero(np.abs(intervals - usual) > 0.5 * usual))
+    rows = np.arange(len(times))
+    wander = times - np.polynomial.Polynomial.fit(rows, times, 1)(rows)
+    periods = float(np.ptp(wander)) * (len(times) - 1) / float(times[-1] - times[0])
+    return (
+        f'Here {odd} of {len(intervals)} intervals are more than half off the usual {usual:.3g} s'
+        f', and rows wander by {periods:.2g} periods from evenly sampled ones'
+        + (', which they may be' if odd and periods < _SMALL_WANDER else '')
+    )
 
 
 def _odd_beginning(file: ColumnFile, rows: int, rate: float) -> str:
