@@ -341,6 +341,29 @@ def test_a_campaign_is_checked_without_a_search(capsys, tmp_path):
     assert 'bench' in err
 
 
+def test_a_check_marks_channels_that_no_search_looks_at(capsys, tmp_path):
+    table, columns = tmp_path / 'd.npz', ['force=F:N', 'displacement.x=x:m', 'voltage=u:V']
+    np.savez(table, F=np.sin(np.arange(900.0)), x=np.cos(np.arange(900.0)), u=np.ones(900))
+    run(
+        capsys,
+        'convert',
+        table,
+        tmp_path / 'd.mcap',
+        '--sample-rate',
+        '1000',
+        *(part for column in columns for part in ('--channel', column)),
+    )
+    (tmp_path / 'campaign.yaml').write_text(
+        'version: 1\nbench: {kind: driven, input: force, outputs: [displacement.x]}\n'
+        'baseline: [linear_sensor]\nrecordings: [{file: d.mcap}]\n',
+        encoding='utf-8',
+    )
+    code, out, err = run(capsys, 'explain', tmp_path, '--check')
+    assert code == 0, err
+    assert out.count('not used') == 1
+    assert re.search(r'voltage: [^:]*, not used', ' '.join(out.split()))
+
+
 @pytest.mark.parametrize(
     ('part', 'output', 'baseline', 'told'),
     [

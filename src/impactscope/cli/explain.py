@@ -108,6 +108,7 @@ def print_campaign(campaign: 'Campaign') -> None:
                 f'{values.size / channel.sample_rate:.4g} s at {channel.sample_rate:.6g} Hz{part}'
                 + (f', [bold]{lost} samples lost[/bold]' if lost else '')
                 + (f', [bold]{clipped} clipped[/bold]' if clipped else '')
+                + ('' if campaign.uses(channel.name) else ', not used')
             )
     for note in campaign.notes:
         out.print(f'note: {escape(note)}')

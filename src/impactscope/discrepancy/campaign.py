@@ -23,6 +23,7 @@ from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation
 from impactscope.records import ImpactEvent
 
 __all__ = [
+    'IMPACT_CHANNELS',
     'BaselineItem',
     'Campaign',
     'CampaignKind',
@@ -32,6 +33,7 @@ __all__ = [
     'Role',
 ]
 
+IMPACT_CHANNELS = ('force', 'acceleration.plate', 'acceleration.impactor', 'acceleration.base')
 _NO_INPUT = ('', 'none', 'null')  # as the file may say it
 DEFAULT_GAIN_STD = {'force': 0.003, 'acceleration': 0.005}
 DEFAULT_ANGLE_STD_DEG = 0.1
@@ -229,6 +231,12 @@ class Campaign:
         single = [self.input_channel, *(self.bench.get(key) for key in ('motion', 'output'))]
         named = [*single, *(outputs if isinstance(outputs, list) else ())]
         return tuple(str(name) for name in named if name)
+
+    def uses(self, channel: str) -> bool:
+        """Whether a channel is one that a search looks at."""
+        if self.kind is CampaignKind.IMPACT:
+            return channel in IMPACT_CHANNELS
+        return channel in self.named_channels
 
     def check_recordings(self) -> None:
         """Hold the samples against the description.

@@ -16,7 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import integrate, ndimage
 
-from impactscope.discrepancy.campaign import Campaign, CampaignRecording, ChannelSamples, Role
+from impactscope.discrepancy.campaign import (
+    IMPACT_CHANNELS,
+    Campaign,
+    CampaignRecording,
+    ChannelSamples,
+    Role,
+)
 from impactscope.discrepancy.evidence import noise_std, quantisation_step
 from impactscope.discrepancy.impact.data.binning import BinnedChannel, binned, coarse_step, merged
 from impactscope.discrepancy.impact.noise.by_recording import shared_and_own
@@ -25,12 +31,11 @@ from impactscope.discrepancy.impact.noise.rounding import moving_noise
 from impactscope.errors import InputError
 from impactscope.physics.pendulum import STANDARD_GRAVITY, Orientation
 
-__all__ = ['CHANNELS', 'BlowData', 'CampaignData', 'prepare']
+__all__ = ['BlowData', 'CampaignData', 'prepare']
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-CHANNELS = ('force', 'acceleration.plate', 'acceleration.impactor', 'acceleration.base')
 
 LEAD = 2.0  # s before the onset that are used at most
 LENGTH = 4.0  # s after the onset that are used at most
@@ -129,7 +134,7 @@ class CampaignData:
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels that at least one blow has."""
-        return tuple(c for c in CHANNELS if any(c in b.channels for b in self.blows))
+        return tuple(c for c in IMPACT_CHANNELS if any(c in b.channels for b in self.blows))
 
 
 def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> CampaignData:
@@ -142,8 +147,8 @@ def prepare(campaign: Campaign, slower: Mapping[str, Colour] | None = None) -> C
     notes: list[str] = []
     onsets: list[tuple[CampaignRecording, float]] = []
     for recording in (r.part() for r in campaign.recordings):
-        known = [c for c in CHANNELS if c in recording.channels]
-        others = sorted(set(recording.channels) - set(CHANNELS))
+        known = [c for c in IMPACT_CHANNELS if c in recording.channels]
+        others = sorted(set(recording.channels) - set(IMPACT_CHANNELS))
         if others:
             notes.append(f'{recording.file}: channel {", ".join(others)} is not used.')
         if not known:
@@ -250,7 +255,7 @@ def _first_sight(
     accelerometer changes by the earth's once, and that is no contact.
     """
     least = _RELEASED * STANDARD_GRAVITY if let_go else 0.0
-    for names in (CHANNELS[:2], CHANNELS[3:]):
+    for names in (IMPACT_CHANNELS[:2], IMPACT_CHANNELS[3:]):
         group = [channels[c] for c in names if c in channels]
         found = _onset(group, noise=noise)
         if found is not None:
@@ -259,7 +264,7 @@ def _first_sight(
             if impactor is None or 'acceleration.plate' in channels:
                 return found
             return _touched(impactor, found, least, (noise or {}).get(impactor.name, 0.0))
-    if any(c in channels for c in CHANNELS if c != 'acceleration.impactor'):
+    if any(c in channels for c in IMPACT_CHANNELS if c != 'acceleration.impactor'):
         return None
     alone = [channels['acceleration.impactor']]
     found = _onset(alone, least, noise)
@@ -367,7 +372,7 @@ def _noise(
     how many times that their noise is, by file and channel.
     """
     result, unlike = {}, {}
-    for name in CHANNELS:
+    for name in IMPACT_CHANNELS:
         if name in stated:
             result[name] = stated[name]
             continue
@@ -471,7 +476,7 @@ def _colours(
 ) -> dict[str, Colour]:
     """Noise of the channels whose quiet before the blows is not white; as recordings share it."""
     found: dict[str, Colour] = {}
-    quiet = {name: _quiet(onsets, name, unlike) for name in CHANNELS if name not in stated}
+    quiet = {name: _quiet(onsets, name, unlike) for name in IMPACT_CHANNELS if name not in stated}
     for beside in (False, True):
         if beside and not found:
             break
@@ -605,7 +610,7 @@ def _blow(
     channels = {}
     quiet = doubtful and not _may_come_back(recording.channels, onset, noise)
     alone = quiet and _swings_free(recording.channels, onset, noise)
-    for name in CHANNELS:
+    for name in IMPACT_CHANNELS:
         channel = recording.channels.get(name)
         if channel is None or name not in noise:
             continue
